@@ -1,4 +1,4 @@
-"""The VAL II line: the protocol without I/O (wire), locations, the commands' text, the ledger, the serial link itself.
+"""The VAL II driver: the protocol without I/O (wire), locations, the text of commands, and the serial link.
 
-Degrees and millimetres of the controller; what may be asked of the arm is decided elsewhere.
+It uses the controller's degrees and millimetres. It does not decide which motions are allowed; daemon/arm does.
 """

@@ -7,25 +7,26 @@ from drivers.val2.location import Location
 
 LISTINGS = frozenset({"STATUS", "LISTF", "LISTL", "LISTP", "LISTR", "LISTS", "DIRECTORY", "FREE"})
 PRINTS_TEXT = LISTINGS | {"BASE", "HERE"}
-"""Monitor words that are answered by text of any kind."""
+"""Monitor commands whose answer may be any text."""
 HARMLESS = PRINTS_TEXT | {"WHERE", "ABORT", "PANIC", "SPEED", "TOOL", "Y", "N", "YES", "NO"}
-"""Monitor words, and answers to the controller's questions, that set nothing in motion by themselves. A question whose
-yes begins a motion is only open where a word that is not among these was typed before. PANIC stops the arm where ABORT
-lets it finish its motion: whoever types it is not asked whether it may be sent."""
+"""Monitor commands, and answers to the controller's questions, that start no motion by themselves. A question whose
+answer starts a motion can be open only after a command that is not among these. PANIC stops the arm where ABORT lets it
+finish its motion, so it is sent without confirmation."""
 PROGRAM_SPEED = "DO SPEED 100 ALWAYS"
-"""What programs multiply the monitor's speed by, back to where it changes nothing; who says another has it so for
-good."""
+"""Resets the factor by which programs multiply the monitor speed to 100 %; another factor would stay until it is
+reset."""
 HARMLESS_DO = frozenset({"BREAK", "SET"})
-"""Program instructions of which the same is true, spelled out."""
+"""Program instructions that start no motion. Only the full word counts."""
 ARM_ALONE = HARMLESS_DO | {"ALIGN", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "MOVE", "MOVES", "NEST", "READY",
                            "SPEED"}  # fmt: skip
-"""Program instructions that work no hand, spelled out: of a beginning nobody knows for which it is taken."""
+"""Program instructions that do not operate the gripper. Only the full word counts: an abbreviation may be taken for
+another instruction."""
 SAYS_NOTHING = frozenset({"BREAK", "CLOSEI", "MOVE", "MOVES", "OPENI", "SET", "SIGNAL", "SPEED"})
-"""Program instructions of ours that are answered by the prompt alone."""
+"""Program instructions that facetd uses and that are answered by the prompt alone."""
 TURNS_OVER = ("ABOVE", "BELOW", "FLIP", "LEFTY", "NOFLIP", "RIGHTY")
-"""Program instructions after which the next motion, whoever's, goes with shoulder, elbow or wrist turned over."""
+"""Program instructions after which the next motion changes the configuration of shoulder, elbow or wrist."""
 SHORTEST = 3
-"""Letters that a beginning of a harmless word has at least: with fewer it may be another word's on some system."""
+"""Least length of an abbreviation of a harmless word: a shorter one may stand for another word on some system."""
 
 
 def trans(location: Location, unit_mm: float = 1.0) -> str:
@@ -76,7 +77,7 @@ def moves_the_arm(command: str) -> bool:
     words = command.upper().split()
     if not words:
         return False
-    if words[0] == "DO":  # alone it does again what was done last
+    if words[0] == "DO":  # alone it repeats the last instruction
         return len(words) < 2 or words[1] not in HARMLESS_DO
     return words[0] not in HARMLESS and not any(
         len(words[0]) >= SHORTEST and known.startswith(words[0]) for known in HARMLESS
@@ -84,14 +85,14 @@ def moves_the_arm(command: str) -> bool:
 
 
 def works_the_hand(command: str) -> bool:
-    """Whether a typed command may work the hand: whatever moves, and is not known to move the arm alone."""
+    """Whether a typed command may operate the gripper: any motion command that is not known to move only the arm."""
     words = command.upper().split()
     return moves_the_arm(command) and not (words[0] == "DO" and words[1:2] and words[1] in ARM_ALONE)
 
 
 def turns_over(command: str) -> bool:
-    """Whether a typed command may have the next motion turn shoulder, elbow or wrist over, by any beginning of such a
-    word. What a program says nobody knows."""
+    """Whether a typed command, or an abbreviation, may make the next motion change the configuration of shoulder, elbow
+    or wrist. It cannot know what a program does."""
     words = command.upper().split()
     if len(words) < 2 or not "DO".startswith(words[0]):
         return False
@@ -99,22 +100,22 @@ def turns_over(command: str) -> bool:
 
 
 def begins_a_program(command: str) -> bool:
-    """Whether a typed command may begin a program, which goes on when the controller asks for the next command."""
+    """Whether a typed command may start a program, which keeps running after the controller's next prompt."""
     return moves_the_arm(command) and command.upper().split()[0] != "DO"
 
 
 def answers_nothing(command: str) -> bool:
-    """Whether a line, spelled as we do, is answered by the prompt alone, or by an error."""
+    """Whether a line, spelled as facetd does, is answered by the prompt alone, or by an error."""
     words = command.split()
     return words[:1] in (["SPEED"], ["TOOL"]) or (words[:1] == ["DO"] and words[1:2] != [] and words[1] in SAYS_NOTHING)
 
 
 def prints_text(command: str) -> bool:
-    """Whether a line, by its word or the beginning of one, is answered by text of any kind."""
+    """Whether the answer to a line, by its command word or an abbreviation, may be any text."""
     words = command.upper().split()
     return not moves_the_arm(command) and any(known.startswith(words[0]) for known in PRINTS_TEXT if words)
 
 
 def tool(flange_from_tool: Location, unit_mm: float = 1.0) -> str:
-    """Where the tool point lies, seen from the flange."""
+    """Set the tool centre point, in the flange's frame."""
     return f"TOOL {trans(flange_from_tool, unit_mm)}"

@@ -1,6 +1,5 @@
-"""What a first contact is made of: a line and its answer, a word to the person, and what is known so far. No I/O.
-
-What is asked in which order is first_contact.py's.
+"""The steps and findings of a first contact: an exchange with the controller, a message or question to the person, and
+what was found so far. No I/O. first_contact.py has the order of the steps.
 """
 
 import re
@@ -15,17 +14,17 @@ from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Text, W
 
 Sure = Literal["certain", "likely", "assumed"]
 STOP_WORDS = ("ABORT", "PANIC")
-"""VAL's, and the one of the systems whose ABORT lets a motion finish."""
+"""VAL's stop command, and that of systems whose ABORT lets a motion finish."""
 CAREFUL_S = 0.05
-"""Between characters, as long as it is not known how close they may follow."""
+"""The pause between characters as long as the shortest possible pause is unknown."""
 QUIET_S, PATIENCE_S = 0.15, 3.0
 REST_MM, REST_DEG = 0.15, 0.02
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Send data, pace_s between characters; then listen until something came and then nothing for quiet_s, or for
-    most_s."""
+    """Send data with pace_s between characters; then receive until something came and quiet_s passed without more, or
+    for at most most_s."""
 
     data: bytes
     quiet_s: float = QUIET_S
@@ -35,20 +34,20 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Heard:
-    """What came, each piece with the seconds since the last byte was sent; seconds: how long was listened."""
+    """What was received: pieces, each with the seconds since the last byte was sent; seconds: the whole time."""
 
     pieces: tuple[tuple[float, bytes], ...]
     seconds: float
 
     @property
     def data(self) -> bytes:
-        """All of it."""
+        """All received bytes."""
         return b"".join(piece for _, piece in self.pieces)
 
 
 @dataclass(frozen=True)
 class Tell:
-    """A line for the person."""
+    """A message to the person."""
 
     way: ClassVar = "says"
     text: str
@@ -56,8 +55,7 @@ class Tell:
 
 @dataclass(frozen=True)
 class Consult:
-    """A question for the person: answered by a word. about: what for, `power-up`, `move`, `power`, `calibrate` or
-    `pendant`."""
+    """A question to the person, answered by one word. about: its subject."""
 
     way: ClassVar = "asks"
     about: Literal["power-up", "move", "power", "calibrate", "pendant"]
@@ -66,14 +64,14 @@ class Consult:
 
 @dataclass(frozen=True)
 class Speed:
-    """Open the line anew at so many baud."""
+    """Reopen the line at this speed."""
 
     way: ClassVar = "speed"
     baud: int
 
     @property
     def text(self) -> str:
-        """For a transcript."""
+        """The step as text, for a transcript."""
         return str(self.baud)
 
 
@@ -82,12 +80,13 @@ Steps = Generator[Step, Any, Any]
 
 
 class UnclearError(Exception):
-    """It could not be found out; the message says what was seen and asks what the person must do. Nothing moves."""
+    """A property of the controller could not be determined; the message says what was seen and what the person must do.
+    Nothing moves."""
 
 
 @dataclass(frozen=True)
 class ProbeFinding:
-    """One thing found: name is a key of the dialect where it has one. sure: certain (seen), likely, or assumed."""
+    """One finding: name is the dialect's key, if there is one. sure: certain (seen), likely, or assumed."""
 
     name: str
     value: Any
@@ -97,7 +96,7 @@ class ProbeFinding:
 
 @dataclass(frozen=True)
 class ProbeAnswer:
-    """One answer, read."""
+    """One answer of the controller, parsed."""
 
     raw: bytes
     lines: tuple[str, ...]
@@ -106,14 +105,14 @@ class ProbeAnswer:
     prompt: str
     question: str | None
     prompt_s: float
-    """When the prompt came, after the line was sent."""
+    """Seconds from the line's end to the prompt."""
     late_s: float
-    """How long after the output before it."""
+    """Seconds from the end of the output to the prompt."""
 
 
 @dataclass
 class ContactFindings:
-    """What is known so far. findings, by name; readings: WHEREs at rest, places and joints together."""
+    """What was found so far. findings: by name; readings: WHERE of the arm at rest, location and joints."""
 
     findings: dict[str, ProbeFinding] = field(default_factory=dict)
     readings: list[Where] = field(default_factory=list)
@@ -124,16 +123,16 @@ class ContactFindings:
 
     @property
     def stop_bytes(self) -> bytes:
-        """What stops the arm, as far as is known: whatever stands in the line first becomes an error."""
+        """The bytes that stop the arm, as far as is known; a half-typed line first becomes an error."""
         words = [self.stop_word, *(word for word in STOP_WORDS if word != self.stop_word)]
         return b"".join(part + self.end for part in (POISON, *(word.encode() for word in words)))
 
     def found(self, name: str, value: Any, how: str, sure: Sure = "certain") -> None:
-        """Keep one thing."""
+        """Store a finding."""
         self.findings[name] = ProbeFinding(name, value, how, sure)
 
     def dialect(self) -> dict[str, Any]:
-        """The values that are keys of the dialect."""
+        """The findings that are settings of the dialect, as values by key."""
         return {name: finding.value for name, finding in self.findings.items() if name not in SEEN_ALONE}
 
 
@@ -141,17 +140,17 @@ SEEN_ALONE = frozenset(
     {"prompt", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
      "two_prompts", "stop_s"}
 )  # fmt: skip
-"""Findings that are reported and are no keys of the dialect: the driver is right either way."""
+"""Findings that are only reported and are no settings of the dialect: the driver works either way."""
 
 
 def ask(known: ContactFindings, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, ProbeAnswer]:
-    """Type a line and read its answer, up to the prompt or a question; what is missing by then is missing."""
+    """Type a line and read its answer, up to the prompt or a question, or for at most most_s."""
     body = text.encode("ascii")
     return (yield from listen(known, body + known.end, body, most_s))
 
 
 def listen(known: ContactFindings, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, ProbeAnswer]:
-    """Type something and read what comes until the line is silent, or for most_s."""
+    """Type something and read the output until the line is silent, or for at most most_s."""
     pieces: list[tuple[float, bytes]] = []
     waited_s = 0.0
     step = Exchange(data, QUIET_S, most_s, known.pace_s)

@@ -1,6 +1,7 @@
-"""One exchange with the controller: type, compare the echo, end the line, gather the answer, answer questions.
+"""One exchange with the controller: type a line, compare its echo, end it, collect the answer, answer questions.
 
-Knows bytes, events and time-outs; knows nothing of moves or places (link.py). Sends through the function it is given.
+This module handles bytes, events and timeouts; link.py handles moves and positions. It sends through a function that it
+is given.
 """
 
 import asyncio
@@ -32,7 +33,7 @@ from drivers.val2.wire import (
 )
 
 POISON = b"!!"
-"""Makes any half-typed line an error instead of a command, where it could not be cancelled."""
+"""Makes a half-typed line an error instead of a command, where it could not be cancelled."""
 A_PROMPT = "a prompt"
 TWICE = (
     "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read cannot "
@@ -41,25 +42,25 @@ TWICE = (
 
 
 class LinePermit(Protocol):
-    """Whether what moves may be sent; one object, held by whoever permits it and by the line. What is of the stop is
-    written here, all else there."""
+    """Whether motion commands may be sent. The line shares this object with its owner: the line writes what concerns
+    the stop, the owner everything else."""
 
     stop_seen: int
-    """How often it has come to be seen that the controller takes the word that stops the arm; 0 where it was not since
-    the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
+    """How often it was verified that the controller accepts the stop command; 0: not yet since the port was opened or
+    the controller was switched on, when it may be another controller or have another configuration."""
     stop_answered: int
-    """How often something was heard behind the word that stops the arm: it went out, and somebody is there."""
+    """How often the controller sent something after the stop command: the command went out, and the line works."""
     heard: int
-    """How often anything was heard."""
+    """How often the controller sent anything."""
     stop_took_s: float
-    """How long the stop took until rest was proven as it was tried; 0 where it was not since the port was opened."""
+    """How long the tested stop took until the arm was proven at rest; 0: not tested since the port was opened."""
 
     @property
     def withheld(self) -> bool: ...
 
 
 class Unconditional:
-    """The permit of a line that nobody withholds motion from."""
+    """A permit that never withholds motion."""
 
     def __init__(self) -> None:
         self.stop_seen = self.stop_answered = self.heard = 0
@@ -73,9 +74,10 @@ class Unconditional:
 
 @dataclass(frozen=True)
 class ControllerAnswer:
-    """The controller's output to one command, up to its prompt, or to a question (then kept) without a reply.
+    """The controller's output for one command, up to its prompt, or up to a question without a reply (then in
+    `question`).
 
-    where: the table, if it printed one, in mm and the angles of our kinematics.
+    where: the table, if it printed one, in mm and the angles of facetd's kinematics.
     """
 
     command: str
@@ -85,11 +87,11 @@ class ControllerAnswer:
     question: str | None
     seconds: float
     of_text: tuple[str, ...] = ()
-    """Of the lines, those that are neither error nor question."""
+    """The lines that are neither error nor question."""
 
 
 class Conversation:
-    """The two directions of the line: what comes is heard here, what goes out is typed and checked here."""
+    """Both directions of the line: it receives events, and types and checks lines."""
 
     def __init__(
         self,
@@ -100,32 +102,33 @@ class Conversation:
         permit: LinePermit,
         owed: PendingAnswers,
     ):
-        """send: bytes, and what of them the ledger is to have; permit: asked before a line that moves is ended; owed:
-        what was not answered in time is noted there."""
+        """send: takes bytes, and the part of them to write to the ledger; permit: checked before a line that moves is
+        ended; owed: takes note of lines that were not answered in time."""
         self.dialect, self.clock, self._permit, self._owed = dialect, clock, permit, owed
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
         self._stood = reader.pending
-        """What had half come as the conversation began, or a prompt was looked for: it is told of before, or ours."""
+        """The incomplete input when the conversation began, or when a prompt was searched for: it was reported before,
+        or belongs to facetd's own line."""
         self.typed_whole = False
-        """Whether the present command's line end has gone out: from then on it may have been carried out."""
+        """Whether the present command's line end was sent: from then on it may have been carried out."""
         self.line_may_hold_rest = True
-        """Whether what was typed before, up to where the prompt was found, may still stand in front of the next line,
-        until that is answered: a controller that cannot cancel lines, and happened to print a prompt just then, looks
-        as if it had."""
+        """Whether the next line may still have the rest of an earlier one in front of it. True from the search for a
+        prompt until the next line is answered: a controller that cannot cancel lines may have printed a prompt just
+        then, which looks as if the line had been cancelled."""
 
     def hear(self, event: LineEvent) -> None:
-        """Take what came."""
+        """Take an event that was received."""
         self._inbox.put_nowait(event)
 
     def end(self, why: LinkError) -> None:
-        """Nothing is sent or awaited any more; whoever waits gets `why`."""
+        """End the conversation: nothing more is sent, and tasks that wait for an event get the error `why`."""
         self._over = self._over or why
         self._inbox.put_nowait(None)
 
     def unheard(self) -> list[LineEvent]:
-        """What came while nobody was waiting. Raises the error the conversation ended with, if it did."""
+        """Take the events that came while no task was waiting. Raises the error that the conversation ended with."""
         self.check()
         events: list[LineEvent] = []
         while not self._inbox.empty():
@@ -136,8 +139,7 @@ class Conversation:
 
     @property
     def holds_unheard(self) -> bool:
-        """Whether something came while nobody was waiting that whoever has the next turn hears of. Raises as
-        unheard."""
+        """Whether something came while no task was waiting that the next turn must report. Raises as unheard."""
         events = self.unheard()
         for event in events:
             self.hear(event)
@@ -145,8 +147,8 @@ class Conversation:
         return by_itself or self.others_of(events) != []
 
     def unheard_of_others(self) -> list[str]:
-        """What came since the last answer and answers nothing of ours; whatever else came is left for who listens next.
-        Raises as unheard."""
+        """Take what came since the last answer and answers no line of facetd's, as text; errors and questions stay for
+        the next reader. Raises as unheard."""
         events = self.unheard()
         for event in events:
             if isinstance(event, Error | ControllerQuestion):
@@ -154,9 +156,9 @@ class Conversation:
         return self.others_of(events)
 
     def others_of(self, events: Sequence[LineEvent]) -> list[str]:
-        """What of these, and of what is half come, answers nothing of ours, in words. A second line end of our own is
-        answered by a prompt of its own."""
-        heard = [_in_words(event) for event in events if not isinstance(event, Error | ControllerQuestion)]
+        """The text of those events, and of incomplete input, that answer no line of facetd's. If facetd's line end has
+        two characters, the second one is answered by another prompt."""
+        heard = [_as_text(event) for event in events if not isinstance(event, Error | ControllerQuestion)]
         if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
             del heard[0]
         half_come = self._reader.pending.removeprefix(self._stood).strip(b"\x00\x07\x7f\r\n .")
@@ -170,11 +172,10 @@ class Conversation:
         meant: Callable[[str], bool] = bool,
         moves: bool = False,
     ) -> ControllerAnswer:
-        """Type a command, and the replies to what it asks, and gather everything up to the prompt, or to a question
-        that there is no reply to, or that the replies are not meant for. moves: it is ended only where motion is
-        permitted then.
+        """Type a command, reply to its questions, and collect everything up to the prompt, or up to a question without
+        a reply. meant: whether the replies are meant for a question; moves: end the line only if motion is permitted.
 
-        Raises Garbled, NoAnswer, HeldBack, Preempted, PortError, ValueError on what cannot be typed.
+        Raises Garbled, NoAnswer, HeldBack, Preempted, PortError; ValueError for text that cannot be typed.
         """
         began_s = self.clock()
         self.typed_whole = False
@@ -195,7 +196,7 @@ class Conversation:
                 return answer
 
     async def next_event(self, timeout_s: float, otherwise: str, owed: Owed | None = None) -> LineEvent:
-        """The next event. Raises NoAnswer(otherwise), and notes what is owed then; Preempted, PortError."""
+        """Wait for the next event. Raises NoAnswer(otherwise), after it notes what is owed; Preempted, PortError."""
         self.check()
         try:
             async with asyncio.timeout(timeout_s):
@@ -209,7 +210,7 @@ class Conversation:
         return event
 
     async def next_prompt_or_question(self, timeout_s: float, said: list[LineEvent] | None = None) -> LineEvent:
-        """Wait until the controller waits for us; `said` gathers everything up to there. Raises as next_event."""
+        """Wait until the controller waits for input; `said` collects all events up to there. Raises as next_event."""
         while True:
             event = await self.next_event(timeout_s, f"no prompt within {timeout_s:g} s")
             if said is not None:
@@ -218,8 +219,8 @@ class Conversation:
                 return event
 
     async def last_prompt_or_question(self, timeout_s: float) -> LineEvent:
-        """The prompt or question behind which nothing more comes: not one that was on its way when we typed. Raises as
-        next_event, and where something is printed on and on."""
+        """Wait for the prompt or question after which nothing more comes, so not one that was sent before facetd typed.
+        Raises as next_event, also if the controller keeps printing."""
         last = await self._prompt_before_long(timeout_s)
         while True:
             await asyncio.sleep(max(self.dialect.prompt_silence_s, 2.0 * self.dialect.prompt_late_s))
@@ -230,8 +231,8 @@ class Conversation:
             last = more[-1] if waits else await self._prompt_before_long(timeout_s)
 
     async def _prompt_before_long(self, timeout_s: float) -> LineEvent:
-        """The next prompt or question, and no longer than a table takes: a program may print on and on. Raises as
-        next_event."""
+        """Wait for the next prompt or question, at most as long as a table takes: a program may keep printing. Raises
+        as next_event."""
         try:
             async with asyncio.timeout(self.dialect.table_s):
                 return await self.next_prompt_or_question(timeout_s)
@@ -239,10 +240,10 @@ class Conversation:
             raise NoAnswer(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
 
     async def resynchronise(self, attempts: int = 3) -> list[LineEvent]:
-        """Get the controller to an empty line and its prompt or question; returns its output, that last.
+        """Bring the controller to an empty line and its prompt or question; returns its output, that one last.
 
-        First the half-typed line is cancelled. Should that not bring a prompt, or the controller know no such key,
-        characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
+        It first cancels the half-typed line. If that brings no prompt, or the controller has no key for it, it types
+        characters that make any line an error, and ends the line. Raises NoAnswer; Busy where something came back, but
         neither prompt nor question; ProcessorHalted.
         """
         self.line_may_hold_rest, self._stood = True, self._reader.pending
@@ -263,12 +264,12 @@ class Conversation:
         raise error(f"no prompt after {attempts} attempts; is the controller on, and its terminal line this one?")
 
     def send_raw(self, data: bytes) -> None:
-        """Send bytes as they are, their echo unchecked. Raises Preempted, PortError."""
+        """Send bytes without checking their echo. Raises Preempted, PortError."""
         self._put(data)
         self._reader.line_ended(echoed=False)
 
     async def type_raw(self, data: bytes) -> None:
-        """Type bytes as they are, no faster than the controller reads, their echo unchecked; one record in the ledger.
+        """Type bytes without checking their echo, no faster than the controller reads; one record in the ledger.
         Raises as send_raw."""
         if self.dialect.character_pause_s <= 0:
             self.send_raw(data)
@@ -282,8 +283,8 @@ class Conversation:
 
     @asynccontextmanager
     async def typing(self) -> AsyncIterator[Callable[[bytes], None]]:
-        """A function that types bytes in the order they are given, as type_raw does; over when all have gone out. It
-        raises Preempted, PortError."""
+        """Context: yields a function that types bytes in order, as type_raw does; it ends when all have been sent. The
+        function raises Preempted, PortError."""
         if self.dialect.character_pause_s <= 0:
             yield self.send_raw
             return
@@ -294,7 +295,7 @@ class Conversation:
             waiting.put_nowait(data)
 
         async def type_all() -> None:
-            with suppress(LinkError):  # whoever types next hears of it
+            with suppress(LinkError):  # the next typed line reports it
                 while data := await waiting.get():
                     await self.type_raw(data)
 
@@ -306,9 +307,9 @@ class Conversation:
             await asyncio.wait({task})
 
     async def _type_line(self, text: str, moves: bool = False) -> None:
-        """Send the characters, compare what comes back, and only then send the line end.
+        """Send the characters, compare their echo, and only then send the line end.
 
-        Raises Garbled (the line end was not sent), NoAnswer (no echo; likewise), HeldBack (likewise).
+        Raises Garbled, NoAnswer (no echo) and HeldBack; in each case the line end was not sent.
         """
         if not self.dialect.can_type(text):
             raise ValueError(f"{text!r} cannot be typed: at most {self.dialect.line_limit} plain characters")
@@ -351,14 +352,14 @@ class Conversation:
             raise Garbled(f"typed {text!r}, echoed with more behind it")
 
     async def _judge_echo(self, text: str, first: LineEvent) -> None:
-        """Raises, once nothing more comes: Garbled where what came back is what was typed and that once more,
-        Interleaved where another's line stands in it."""
+        """Wait until nothing more comes, then find the cause of a wrong echo. Raises Garbled where the echo came twice,
+        Interleaved where it contains somebody else's line."""
         typed, back, before = text.encode("ascii"), b"", None
         while before != back and len(back) < 2 * len(text) + LONGEST_LINE:
             await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
             behind = self.unheard()
             for event in behind:
-                self.hear(event)  # for whoever finds the prompt again: it reports an emergency stop
+                self.hear(event)  # kept for the search for the prompt: it may be an emergency stop
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
         if _is_twice(typed, back):
             raise Garbled(TWICE, code="converter_echoes")
@@ -370,18 +371,18 @@ class Conversation:
         self._send(data, data)
 
     def check(self) -> None:
-        """Raise the error the conversation ended with, if it did."""
+        """Raise the error that the conversation ended with, if it has ended."""
         if self._over is not None:
             raise self._over
 
 
-def _in_words(event: LineEvent) -> str:
+def _as_text(event: LineEvent) -> str:
     return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
 
 
 def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
-    """Sort what came into a ControllerAnswer. Raises Garbled where noise came in between, or a second echo;
-    Interleaved where another's line did."""
+    """Build a ControllerAnswer from the events. Raises Garbled where they contain noise or a second echo, Interleaved
+    where they contain somebody else's line."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
     again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]

@@ -1,4 +1,4 @@
-"""What differs between one VAL II system and the next, as settings with the known-good default. No behaviour here."""
+"""Settings for the differences between VAL II systems, with defaults that are known to work. No behaviour."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
 Asked = Annotated[str, Meta(min_length=3, max_length=80, pattern="^[ -~]+$")]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 SLOWEST_BAUD = 9600
-"""Of a line on which every stop is confirmed before its operator is sent to the emergency stop."""
+"""The slowest line on which every stop is confirmed before the operator is sent to the emergency stop."""
 WHERE_CHARACTERS = 300
-"""What WHERE prints, and some."""
+"""More characters than WHERE prints."""
 
 
 @dataclass(frozen=True)
@@ -101,28 +101,29 @@ class Dialect:
 
     @property
     def table_s(self) -> float:
-        """How long WHERE may print, and wait for its prompt, where nothing moves."""
+        """How long WHERE may take to print its table and the prompt while nothing moves."""
         return self.resync_s + WHERE_CHARACTERS * 10 / self.baud
 
     def can_type(self, text: str) -> bool:
-        """Whether a line is short enough for the controller, and plain."""
+        """Whether a line is short enough for the controller and has only printable ASCII characters."""
         return len(text) <= self.line_limit and text.isascii() and text.isprintable()
 
     def asks_after_power_up(self, question: str) -> bool:
-        """Whether it is by its words a question that only a controller asks which was just switched on."""
+        """Whether a question has the words of those that a controller asks only after it was switched on."""
         return any(words.lower() in question.lower() for words in self.power_up_asks)
 
     def our_angles_deg(self, printed_deg: Sequence[float]) -> tuple[float, ...]:
-        """(6,) degrees of our kinematics, of what WHERE prints."""
+        """Convert the joint angles that WHERE prints to those of facetd's kinematics, (6,) degrees."""
         turned = [sign * printed for sign, printed in zip(self.joint_signs, printed_deg, strict=True)]
         if self.joint_3_against_horizon:
             turned[2] -= turned[1]
         return tuple(turn + zero for turn, zero in zip(turned, self.joint_zeros_deg, strict=True))
 
     def on_a_faster_line(self, times: float) -> Dialect:
-        """The same manners where characters come `times` faster than the baud says (a simulated line in scaled time).
+        """The same dialect for a line `times` faster than its baud rate (a simulated line in scaled time).
 
-        Only the waits that are counted in characters shorten, and none below what a busy machine keeps.
+        Only waits that depend on the duration of a character get shorter, and none below what a busy computer can
+        keep.
         """
         return replace(
             self,

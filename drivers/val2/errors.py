@@ -1,4 +1,4 @@
-"""What can go wrong between us and the controller, each saying what happened and what is known of the arm."""
+"""The errors of the VAL II link: each says what happened and what is known of the arm."""
 
 from drivers.val2.wire import Where
 
@@ -11,7 +11,7 @@ SAID_BY_VAL = (
     ("asks", "controller_restarted"),
     ("out of range", "out_of_reach"),
 )
-"""Words of VAL II's messages, in small letters, and what they are signs of."""
+"""Phrases in VAL II's messages, in lower case, and the codes of what they mean."""
 HALTED = (
     "the controller's processor is halted: an LSI-11's console (ODT) answers with `@`, and VAL does not run. Set its "
     "HALT/RUN switch to RUN; at the controller's own terminal type P to go on where it was, or switch it off and on"
@@ -19,15 +19,15 @@ HALTED = (
 
 
 def lacks_zero(said: str) -> bool:
-    """Whether a controller says that the arm has not found its zero: nothing but CAL can move it then."""
+    """Whether a message says that the arm is not calibrated: then only CAL can move it."""
     return "not calibrated" in said.lower()
 
 
 class LinkError(Exception):
-    """The robot did not do, or is not known to have done, what it was asked. where: the last WHERE since, if any."""
+    """A command was not carried out, or may not have been. where: the last WHERE since then, if any."""
 
     code = "controller_silent"
-    """Stable, in every release: what it is a sign of (daemon/events/codes.py has the words)."""
+    """The code of the cause, the same in every release (daemon/events/codes.py has its text)."""
 
     def __init__(self, message: str, where: Where | None = None, code: str | None = None) -> None:
         super().__init__(message)
@@ -45,24 +45,24 @@ class NoAnswer(LinkError):  # noqa: N818 - it reads as what happened
 
 
 class Busy(NoAnswer):
-    """The controller echoes what is typed and gives no prompt: it is still carrying something out."""
+    """The controller echoes input but gives no prompt: it is still carrying something out."""
 
 
 class ProcessorHalted(NoAnswer):
-    """The controller's LSI-11 is halted: its console answers, and no VAL."""
+    """The controller's LSI-11 is halted: its console answers instead of VAL."""
 
     def __init__(self) -> None:
         super().__init__(HALTED)
 
 
 class Garbled(LinkError):  # noqa: N818
-    """Noise on the line: what was typed or answered did not come through whole."""
+    """Noise on the line: a command or an answer was damaged."""
 
     code = "line_noise"
 
 
 class Interleaved(Garbled):
-    """What was echoed holds more than what was typed: another's line between the letters of ours. heard: all of it."""
+    """The echo contains more than facetd typed: somebody else's line is mixed into it. heard: the whole echo."""
 
     def __init__(self, heard: bytes) -> None:
         self.heard = heard.decode("latin-1").strip()
@@ -70,7 +70,7 @@ class Interleaved(Garbled):
 
 
 class ControllerError(LinkError):
-    """The controller refused, in its own words."""
+    """The controller refused a command; the message has its text."""
 
     code = "controller_refused"
 
@@ -81,24 +81,24 @@ class ControllerError(LinkError):
 
 
 class StopRefused(ControllerError):  # noqa: N818
-    """The controller does not take the word that is to stop the arm; that it came to rest by itself is no stop."""
+    """The controller does not accept the stop command. An arm that comes to rest by itself was not stopped."""
 
 
 class Disturbed(LinkError):  # noqa: N818
-    """Something was heard that answers nothing of ours: somebody else types on this line."""
+    """The controller sent something that answers no line of facetd's: somebody else types on this line."""
 
     code = "other_terminal"
 
 
 class Elsewhere(LinkError):  # noqa: N818
-    """The arm is at rest, but not where it was sent."""
+    """The arm is at rest away from its target."""
 
     code = "arm_not_there"
 
 
 class Preempted(LinkError):  # noqa: N818
-    """An abort came in between: whatever was being done is no longer being done."""
+    """An abort took over the line: the interrupted command was given up."""
 
 
 class HeldBack(LinkError):  # noqa: N818
-    """What moves was held back as its line was about to be ended: it was taken back, and nothing was carried out."""
+    """A motion command was held before its line end was sent: it was cancelled, and nothing was carried out."""

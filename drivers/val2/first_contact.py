@@ -1,8 +1,8 @@
-"""A first contact with a controller nobody knows: it finds out how it speaks instead of asking. No I/O, no clock.
+"""First contact with an unknown controller: probe how it communicates, instead of asking the user. No I/O, no clock.
 
-`introduce` is a generator: it yields what is to be done (Exchange: send, and listen; Tell; Consult: ask the person) and
-is sent what came of it. Whoever runs it has the port and the time, and sends `stop_bytes` at once when a stop is
-wanted, whatever is being done.
+`introduce` is a generator: it yields the next step (Exchange: send and receive; Tell; Consult: ask the person) and is
+sent the result. Its caller owns the port and the clock, and sends `stop_bytes` at once when a stop is requested,
+whatever step is running.
 
     step         what is typed                       what is found
     wake         what is an error anywhere, an end   line end, prompt, form of errors, a power-up question
@@ -49,11 +49,11 @@ ENDS = (b"\r", b"\n", b"\r\n")
 BAUDS = (9600, 4800, 19200, 2400, 1200, 300, 38400)
 PACES_S = (0.0, 0.006, 0.012, 0.03)
 MARGIN = 2.0
-"""A pause that was enough once, so many times: adapters and computers send characters in clusters."""
+"""Safety factor for a pause that was long enough once: adapters and computers send characters in clusters."""
 VAL_DIGITS = 2, 3
 ENOUGH, APART_DEG = 12, 5.0
 STRAIGHT_DEG = 10.0
-"""A wrist this near to straight leaves joints 4 and 6 one axis, as far as WHERE's digits tell."""
+"""With a wrist this near to straight, joints 4 and 6 turn about one axis within the precision of WHERE."""
 BY_PENDANT = (
     "Bring the arm with the pendant to another place, far from the others, each joint turned by 20 degrees or more, "
     "and say yes once it rests; no, when these are enough"
@@ -62,8 +62,8 @@ USUAL = Dialect()
 
 
 def introduce(known: ContactFindings, bauds: Sequence[int] = BAUDS, pendant: bool = False) -> Steps:
-    """The whole first contact; fills `known`. bauds: speeds of the line to be tried; pendant: whether the person brings
-    the arm to more places. Raises UnclearError."""
+    """The whole first contact; fills `known`. bauds: line speeds to try; pendant: whether the person moves the arm to
+    more places. Raises UnclearError."""
     yield from _wake(known, bauds)
     yield from _line(known)
     yield from _stop_words(known)
@@ -245,9 +245,9 @@ def _may_move() -> Generator[Step, Any, bool]:
 
 
 def _bent_wrist(known: ContactFindings) -> Steps:
-    """Before anything moves, the person bends a wrist that is straight, as at READY, where people start: from there
-    joints 4 and 6 turn about one axis, and the readings fit no arm. Where a controller counts joint 5 otherwise, 0 may
-    be a bent wrist: the person decides."""
+    """Ask the person to bend a straight wrist before anything moves. At READY, where people start, it is straight: then
+    joints 4 and 6 turn about one axis, and the readings fit no arm. On a controller that counts joint 5 differently, 0
+    may be a bent wrist, so the person decides."""
     here = known.readings[-1]
     while abs(here.joints_deg[4]) < STRAIGHT_DEG:
         if not (
@@ -263,8 +263,8 @@ def _bent_wrist(known: ContactFindings) -> Steps:
 
 
 def _by_pendant(known: ContactFindings) -> Steps:
-    """WHERE wherever the person brings the arm, until it is enough: far apart they tell lengths that small steps leave
-    open."""
+    """Read WHERE at each place to which the person moves the arm, until there are enough: places far apart determine
+    lengths that small steps cannot."""
     taken = 0
     while True:
         if not (yield from agreed("pendant", f"{BY_PENDANT}: {taken} so far, {ENOUGH} are good")):
@@ -279,7 +279,8 @@ def _by_pendant(known: ContactFindings) -> Steps:
 
 
 def _all_digits(known: ContactFindings) -> None:
-    """What WHERE prints behind its points, of all readings: one may show fewer where zeros are left out."""
+    """The number of decimals that WHERE prints, from all readings: a single one may show fewer where zeros are left
+    out."""
     shown = [[len(repr(value).rstrip("0").partition(".")[2]) for value in (*where.location.values(), *where.joints_deg)]
              for where in known.readings]  # fmt: skip
     lengths, angles = known.findings["digits"].value
@@ -288,8 +289,8 @@ def _all_digits(known: ContactFindings) -> None:
 
 
 def _digits(text: str) -> tuple[int, int]:
-    """The most behind the points of WHERE's lengths, and of its angles; VAL's own where only the others have some: the
-    arm stands where they are whole, and zeros at the end are left out."""
+    """The most decimals of WHERE's lengths, and of its angles. If only one of the two has decimals, the other has VAL's
+    usual number: its values happen to be whole, and trailing zeros are left out."""
     decimals = [len(word.partition(".")[2]) for word in text.split() if NUMBER.fullmatch(word)]
     lengths, angles = max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
     return (lengths or VAL_DIGITS[0], angles or VAL_DIGITS[1]) if lengths or angles else (0, 0)

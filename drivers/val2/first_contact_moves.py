@@ -1,7 +1,7 @@
-"""The first moves of an arm nobody knows, once the person said yes: the only file of a first contact that moves it.
+"""The first moves of an unknown arm, after the person confirmed them. Only this file of a first contact moves the arm.
 
-Each is `_step`: one joint, STEP_DEG, slowly, held against WHERE before the next. The first is cut short by the stop;
-where the arm does not come to rest short of its end, no other follows.
+Each move is a `_step`: one joint, STEP_DEG, slowly, compared with WHERE before the next. The first one is interrupted
+by the stop; if the arm does not come to rest before its end, no other move follows.
 """
 
 from collections.abc import Generator
@@ -30,16 +30,17 @@ from drivers.val2.wire import Where
 
 MOTION_S, CALIBRATION_S = 30.0, 180.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
-"""A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
+"""The degrees of a move; its directions, there and back; the monitor speed, %; the program speed, %."""
 FINE_DIGITS = 2
-"""WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
+"""If WHERE prints fewer decimals than this, each joint is also moved to the other side: twice the distance, twice as
+many readings."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
 CALIBRATE = Dialect().calibrate_word
 OFF_DEG = 0.15
 
 
 def first_moves(known: ContactFindings) -> Steps:
-    """See the module; fills `known`, its readings too. Raises UnclearError."""
+    """Make the first moves; fills `known`, its readings too. Raises UnclearError."""
     yield from ask(known, f"SPEED {SPEED}")
     here = yield from at_rest(known)
     words = known.findings.pop("stop_words").value
@@ -68,14 +69,14 @@ def first_moves(known: ContactFindings) -> Steps:
 
 
 def _drive(joint: int, degrees: float) -> str:
-    """The only text that moves. Raises ValueError beyond one small step."""
+    """The command of one small step. Raises ValueError for a larger one."""
     if joint not in range(1, 7) or abs(degrees) > STEP_DEG:
         raise ValueError(f"joint {joint} by {degrees} degrees is no small step")
     return f"DO DRIVE {joint},{degrees:g},{SHARE}"
 
 
 def _cut_short(known: ContactFindings, here: Where) -> Steps:
-    """Begin a step and stop it at once: whether it ended short, where, and how many seconds that took."""
+    """Begin a step and stop it at once. Returns whether it ended early, where, and how many seconds that took."""
     yield Tell(f"joint {FIRST_JOINT} by {STEP_DEG:g} degrees, cut short by {known.stop_word}")
     for _ in range(4):
         misread = False
@@ -116,8 +117,8 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
 
 
 def _calibrated(known: ContactFindings, said: str) -> Steps:
-    """Type CAL, if the person lets it: this terminal is the controller's only one. Where the arm is afterwards. Raises
-    UnclearError."""
+    """Type CAL if the person agrees: this terminal is the controller's only one. Returns where the arm is afterwards.
+    Raises UnclearError."""
     word = known.findings["calibrate_word"].value if "calibrate_word" in known.findings else CALIBRATE
     if not (
         yield from agreed(
@@ -144,7 +145,7 @@ def _calibrated(known: ContactFindings, said: str) -> Steps:
 
 
 def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:
-    """One step and the WHERE after it; only that joint may have turned, by that. Raises UnclearError."""
+    """Make one step and read WHERE; check that only that joint has turned, by that angle. Raises UnclearError."""
     yield Tell(f"joint {joint} by {degrees:+g} degrees")
     answer = yield from _moved(known, _drive(joint, degrees))
     if answer.errors:
@@ -170,7 +171,7 @@ def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early
 
 
 def _typed(known: ContactFindings, text: str) -> Steps:
-    """The characters without their end, and, of a controller that echoes, a look at the echo. Raises UnclearError."""
+    """Type characters without a line end, and check their echo if the controller echoes. Raises UnclearError."""
     for _ in range(3):
         heard: Heard = yield Exchange(text.encode(), 0.1, _typing_s(known, text), known.pace_s)
         if not known.findings["echo"].value or heard.data.endswith(text.encode()):
@@ -180,7 +181,7 @@ def _typed(known: ContactFindings, text: str) -> Steps:
 
 
 def _typing_s(known: ContactFindings, text: str) -> float:
-    """Long enough for characters and their echo."""
+    """A time long enough for the characters and their echo, s."""
     return 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)
 
 

@@ -1,7 +1,7 @@
-"""Whether an echo that is not what was typed holds another's line as well, or noise alone. Pure; bytes in.
+"""Decide whether a wrong echo also contains somebody else's line, or only noise. Pure; bytes in.
 
-Noise flips a byte, loses one, doubles or adds a few. Whoever types on the same line loses none of our letters, adds a
-line's worth of his own, or as little as an Enter, and ends a line that we had not ended.
+Noise changes a byte, loses one, doubles one or adds a few. A person who types on the same line loses none of facetd's
+characters, adds a whole line or at least an Enter, and so ends a line that facetd has not ended.
 """
 
 import re
@@ -9,21 +9,22 @@ import re
 from drivers.val2.wire import JOINT_HEADER, LOCATION_HEADER, NUMBER, PROMPT_DOTS, SHARED_HEADER, STOPPED
 
 SHORTEST_TYPED = 3
-"""Characters too many that are taken for somebody else's: with fewer it may be noise."""
+"""With this many extra characters, somebody else typed; fewer may be noise."""
 LINE_END = re.compile(rb"[\r\n]")
 BEGINS_WITH_PROMPT = re.compile(rb"^" + PROMPT_DOTS.pattern)
 UNTYPED = bytes(byte for byte in range(256) if not (0x21 <= byte <= 0x7E or byte == 0x07))
-"""What is not counted: a space may stand behind a prompt. A bell is a character that found no room in its line."""
+"""Bytes that are not counted: for example a space, which may follow a prompt. A bell is counted: it stands for a
+character that did not fit into its line."""
 REFUSES = re.compile(rb"illegal|syntax|ambiguous|undefined|not defined|misspelled", re.IGNORECASE)
-"""How a controller refuses half a line."""
+"""How a controller refuses an incomplete line."""
 ANSWERS = re.compile(rb"\*|\.\s*$|X *Y|X/JT1")
-"""Where an answer of the controller's begins, should the line end before it be lost."""
+"""How an answer of the controller begins; needed where the line end before it was lost."""
 
 
 def typed_beside(ours: bytes, back: bytes) -> bool:
-    """Whether what came back of a line that was typed and not ended, up to silence, holds another's line as well.
+    """Whether the echo (back) of a line that facetd typed and did not end also contains somebody else's line.
 
-    What asks is the controller: it was switched on meanwhile, or a program asks.
+    A question mark means no: then the controller asks, after it was switched on or for a program.
     """
     lines = LINE_END.split(back)
     if len(lines) == 1 or b"?" in back:
@@ -33,8 +34,8 @@ def typed_beside(ours: bytes, back: bytes) -> bool:
 
 
 def answers_search(heard: str, cancel_line: bytes) -> bool:
-    """Whether what came behind the prompt that was looked for may be the echo of what was typed to find it (such a key
-    as `^U`), or noise: it holds less than a line that somebody types."""
+    """Whether text after a prompt that facetd searched for is only the echo of the search (a key such as `^U`), or
+    noise: it is shorter than a line that somebody types."""
     typed = heard.encode("latin-1").translate(None, UNTYPED)
     for byte in cancel_line:
         typed = typed.replace(b"^" + bytes([byte ^ 0x40]), b"")
@@ -42,21 +43,22 @@ def answers_search(heard: str, cancel_line: bytes) -> bool:
 
 
 def _ended(lines: list[bytes]) -> bool:
-    """Whether what came behind the first line end is what a controller says to a line: its prompt at once, or that it
-    knows no such command; and nothing that it says by itself."""
+    """Whether the lines after the first line end begin as a controller's answer to a line does: with its prompt, or
+    with a refusal; not with something that it reports by itself."""
     first = next((line for line in lines if line.strip()), b"")
     return BEGINS_WITH_PROMPT.match(first) is not None or REFUSES.search(first) is not None
 
 
 def _holds(echoed: bytes, ours: bytes) -> bool:
-    """Whether all of our letters are there, in order: noise that makes a line end of one loses it."""
+    """Whether the echo has all of facetd's characters, in order: noise that turns one into a line end loses it."""
     left = iter(echoed.translate(None, UNTYPED))
     return all(byte in left for byte in ours.translate(None, UNTYPED))
 
 
 def typed_behind(said: bytes) -> bool:
-    """Whether what came after a whole echo, its line end sent, begins with a line's worth that somebody typed: before
-    our line end is echoed, and behind a prompt. One character more than in an echo, as that line end may be spoiled."""
+    """Whether the output after a complete echo and its line end contains a line that somebody else typed: before the
+    echo of facetd's line end, or after a prompt. It needs one more character than in an echo, because facetd's line end
+    may be damaged."""
     first, *lines = LINE_END.split(said)
     prompted = [line for line in lines if BEGINS_WITH_PROMPT.match(line) and not _is_answer(line)]
     behind_prompts = b"".join(BEGINS_WITH_PROMPT.sub(b"", line) for line in prompted)
@@ -65,7 +67,7 @@ def typed_behind(said: bytes) -> bool:
 
 
 def _is_answer(line: bytes) -> bool:
-    """Whether a line is a message, or one of WHERE's."""
+    """Whether a line is a message of the controller, or a line of WHERE's table."""
     text = line.decode("latin-1")
     words = text.split()
     in_a_table = len(words) >= len(LOCATION_HEADER) and all(

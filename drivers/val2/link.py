@@ -1,8 +1,8 @@
-"""The robot as the rest of the house sees it: connect, ask where it is, move it, stop it. Over VAL II, on asyncio.
+"""Command a VAL II controller: connect, read the arm's position, move it, stop it. On asyncio.
 
-Commands from several tasks take turns; `abort` does not wait its turn. A command whose echo was garbled was never ended
-and is typed again; a command whose *answer* was lost may have been carried out, so a motion is then not repeated: the
-link finds the prompt again, asks WHERE, and raises with what it knows.
+Commands of several tasks take turns; `abort` does not wait for its turn. If the echo of a command was garbled, its line
+was not ended, so the command is typed again. If its *answer* was lost, it may have been carried out, so a motion is not
+repeated: the link finds the prompt again, reads WHERE, and raises an error with what it knows.
 """
 
 import asyncio
@@ -37,20 +37,20 @@ from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
 ABORT_ATTEMPTS = 5
 MOST_JUDGED = 3
-"""Answers to the word that stops the arm, until one of them has none of the controller's own words in it."""
+"""The most tries of the stop command until one is answered without an error message."""
 TINY_DEG = 1e-9
-"""Of the difference of two printed numbers."""
+"""Rounding error of the difference of two printed numbers."""
 PREAMBLE_S = 0.05
-"""How old the preamble of a move may be when its line is typed: no longer than the shortest line of a new preamble
-takes, so that a motion of somebody else's has hardly more time to fall between its WHERE and the move."""
+"""The greatest age of a move's preamble when its line is typed. It is not longer than the shortest line of a new
+preamble takes, so that somebody else's motion has hardly more time to come between its WHERE and the move."""
 BRAKES_S = 0.5
-"""Of an arm whose power went, until they hold it."""
+"""How long the brakes need to hold an arm that lost its power."""
 
 
 @dataclass(frozen=True)
 class MoveStart:
-    """What is sent and checked in the turn in which a motion begins. agrees: called with where the arm is, right before
-    the line that moves it; raises where that must not go."""
+    """What is sent and checked immediately before a motion. agrees: called with the arm's position before the line that
+    moves it is typed; it raises where that line must not be sent."""
 
     speed_pct: float
     agrees: Callable[[Where], None]
@@ -58,7 +58,7 @@ class MoveStart:
 
 @dataclass(frozen=True)
 class NextMove:
-    """A move that is to follow another at once."""
+    """A move that will follow another at once."""
 
     location: Location
     straight: bool
@@ -67,8 +67,8 @@ class NextMove:
 
 @dataclass(frozen=True)
 class Preamble:
-    """What was sent before a move: speed, the move's lines but the last; and the WHERE that ended it. traffic: the
-    line's count behind it."""
+    """What was sent before a move: the speed, and the move's lines except the last; and the WHERE after them. traffic:
+    the line's count of transfers after it."""
 
     lines: tuple[str, ...]
     speed_pct: float
@@ -91,8 +91,8 @@ class Link:
     ) -> None:
         """on_wire: called with every record of the wire ledger.
 
-        belongs_together: whether a WHERE's joints put the tool at its place, by the arm's kinematics; a reading whose
-        do not (a digit spoiled by noise, a TOOL or BASE that is not ours) is asked for again and never given out.
+        belongs_together: whether the joints of a WHERE match its location, by the arm's kinematics. A reading that does
+        not match (noise in a digit, another TOOL or BASE) is read again and never returned.
         """
         self.port, self.dialect, self.clock = port, dialect or Dialect(), clock
         self._ledger = Ledger(on_wire)
@@ -101,31 +101,31 @@ class Link:
         self._session: LineSession | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
         self._preamble: Preamble | None = None
-        """Sent ahead, as the move before came to its end."""
+        """The preamble that was sent ahead, when the previous move ended."""
         self._announced_s: float | None = None
-        """When a move that was to follow at once was waited for."""
+        """When the previous move ended, if another was announced to follow at once."""
         self._follows_s = 0.0
-        """How long the last such move took to follow: on a slow computer, or where it was held, longer than a
-        preamble sent ahead is valid."""
+        """How long the last announced move took to follow. On a slow computer, or where it was held, this is longer
+        than a preamble sent ahead is valid."""
         self.permit: LinePermit = Unconditional()
-        """Asked before a line that moves is ended, at each try; where motion is withheld, the line is taken back."""
+        """Checked at each try before a line that moves is ended; if motion is withheld, the line is cancelled."""
         self.disturbed: Callable[[], None] = nothing
-        """Called as something is heard that answers nothing of ours, before anything else is typed: whoever believes
-        something of the cell (the driver itself believes nothing) drops it. That the arm may not move is the permit's:
-        the stop is no longer seen to work."""
+        """Called when something is received that answers no line of facetd's, before anything else is typed, so that
+        the owner drops its beliefs about the cell. Motion is blocked through the permit: the stop is no longer
+        verified."""
         self.stopped_on_opening = False
-        """Whether the arm was found at work when the port was opened last, and was stopped."""
+        """Whether the arm was moving when the port was last opened, and was stopped."""
         self._times_seen = 0
         self.program_may_run = False
-        """Whether a person may have begun a program since that word was taken last: what is asked may be its question,
-        and two WHERE that agree a pause of it."""
+        """Whether a person may have started a program since the controller last accepted the stop command: then a
+        question may come from that program, and two WHERE that agree may only be a pause of it."""
 
     # Connecting
 
     async def open(self) -> None:
-        """Claim the port and find the controller's prompt, or the question it asks at power-up (see `question`).
+        """Open the port and find the controller's prompt, or the question that it asks at power-up (see `question`).
 
-        An arm that still carries out a command of somebody before us (a program that was killed) is stopped.
+        If the arm still carries out an earlier command (of a program that was killed), it is stopped.
         """
         self._let_go()
         self._session = LineSession(
@@ -134,8 +134,8 @@ class Link:
             self.clock,
             self._ledger,
             self._open_port,
-            self._unsee_the_stop,
-            self._others_type,
+            self._void_stop_proof,
+            self._somebody_else_types,
             self.permit,
         )
         self.stopped_on_opening = False
@@ -147,49 +147,50 @@ class Link:
             raise
 
     async def close(self) -> None:
-        """Let go of the port; safe to call twice. Does not stop the arm: abort() does."""
+        """Close the port; may be called twice. Does not stop the arm: abort() does."""
         self._let_go()
 
     def _let_go(self) -> None:
-        self._unsee_the_stop()
+        self._void_stop_proof()
         self.permit.stop_took_s = 0.0
         self.program_may_run, self._preamble = False, None
         if self._session is not None:
             self._session.close()
             self._session = None
 
-    def _unsee_the_stop(self) -> None:
+    def _void_stop_proof(self) -> None:
         self.permit.stop_seen = 0
 
-    def _others_type(self) -> None:
-        """What they have begun nobody knows: a program, a motion, a word in place of the one that stops the arm."""
-        self._unsee_the_stop()
+    def _somebody_else_types(self) -> None:
+        """Void the verification of the stop: somebody else may have started a program or a motion, or redefined the
+        stop command."""
+        self._void_stop_proof()
         self.disturbed()
 
     @property
     def stop_seen(self) -> int:
-        """Of the permit: 0 where the controller was not seen to take the word that stops the arm."""
+        """permit.stop_seen; 0: not verified that the controller accepts the stop command."""
         return self.permit.stop_seen
 
     @property
     def connected(self) -> bool:
-        """Whether there is a line to type on."""
+        """Whether the line is open."""
         return self._session is not None and not self._session.lost
 
     @property
     def heard_unasked(self) -> bool:
-        """Whether something came on the line, or was done to its port, that nobody heard of yet and no command waits
-        for: the next one reports it."""
+        """Whether the controller sent something unasked, or another program changed the port, that was not reported
+        yet; the next command reports it."""
         return self._session is not None and self._session.heard_unasked
 
     @property
     def question(self) -> str | None:
-        """What the controller asks; until power_up() answers it, it takes no commands."""
+        """The controller's open question; it accepts no commands until power_up() answers it."""
         return self._session.question if self._session is not None else None
 
     async def power_up(self, replies: Sequence[str] = ("Y", "Y")) -> ControllerAnswer:
-        """Answer what the controller asks, and what it asks next, where that is of the same kind: a yes to a question
-        of power-up moves nothing, one to another may. Raises ControllerError."""
+        """Answer the controller's question, and its next ones of the same kind: a yes to a power-up question moves
+        nothing, a yes to another may. Raises ControllerError."""
         session = self._open_session
         async with session.turn(answers_question=True) as talk:
             asked, session.question = session.question, None
@@ -204,91 +205,91 @@ class Link:
                 )
             except (Garbled, NoAnswer) as problem:
                 session.question = asked
-                await session.recover(talk, problem)  # a half-typed answer is no beginning of the next command
+                await session.recover(talk, problem)  # so that no half-typed answer is in front of the next command
                 raise
             return session.accept(answer)
 
     def terminal(self, on_bytes: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
-        """A person talks to the controller: commands wait until they are done; abort() still works."""
+        """Context: connect a person to the controller. Commands wait until the person leaves; abort() still works."""
         self.program_may_run = True
         return self._open_session.terminal(on_bytes)
 
     # Asking
 
     async def command(self, text: str, replies: Sequence[str] = (), timeout_s: float | None = None) -> ControllerAnswer:
-        """Type any command and give the whole answer; replies: to the questions it asks, in turn.
+        """Type any command and return the whole answer; replies: to its questions, in order.
 
-        Raises ControllerError with the controller's words, or where it asks more than there are replies.
+        Raises ControllerError with the controller's message, or where it asks more questions than there are replies.
         """
         return await self._carry_out((text,), replies, timeout_s)
 
     async def where(self) -> Where:
-        """One WHERE, now. On a moving arm a place on the way; rest() and still() give one to compute from."""
+        """One WHERE, now, also while the arm moves. Use rest() or still() for a reading to compute with."""
         async with self._open_session.turn() as talk:
             return await self._where(talk)
 
     async def speed(self, percent: float) -> None:
-        """Monitor speed, percent of full."""
+        """Set the monitor speed, percent."""
         await self.command(commands.speed(percent))
 
     async def calibrate(self, answer: str = "Y") -> ControllerAnswer:
-        """CAL, its question answered, and none that another asks: a controller whose power went just then. Raises
-        ControllerError."""
+        """Calibrate the arm (CAL) and confirm it. No other question is answered: the controller may just have lost its
+        power. Raises ControllerError."""
         return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, confirms)
 
     async def tool(self, flange_from_tool: Location) -> None:
-        """Tell the controller where the tool point is, seen from the flange."""
+        """Set the controller's tool centre point, in the flange's frame."""
         await self.command(commands.tool(flange_from_tool, self.dialect.unit_mm))
 
     # Moving
 
     async def move(self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None) -> None:
-        """Start a joint-interpolated move; rest() waits for its end. start: None where speed and place of the arm do
-        not matter. Raises ControllerError, and what start's agrees raises: nothing has moved then."""
+        """Start a joint-interpolated move; rest() waits for its end. start: None where the speed and the arm's position
+        do not matter. Raises ControllerError, and what start.agrees raises; then nothing has moved."""
         await self._begin(self._lines(location, straight=False), timeout_s, start)
 
     async def move_straight(
         self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None
     ) -> None:
-        """Start a straight-line move; otherwise as move."""
+        """Start a straight-line move; otherwise like move."""
         await self._begin(self._lines(location, straight=True), timeout_s, start)
 
     async def ready(self) -> Where:
-        """Go to the ready pose; over when the arm is at rest."""
+        """Move to the ready pose, and wait until the arm is at rest."""
         await self.command("DO READY")
         await self._break(self.dialect.motion_s)
         return await self.still(self.dialect.motion_s)
 
     async def open_hand(self) -> None:
-        """Open the hand now."""
+        """Open the gripper (OPENI)."""
         await self.command("DO OPENI", timeout_s=self.dialect.answer_s)
 
     async def close_hand(self) -> None:
-        """Close the hand now."""
+        """Close the gripper (CLOSEI)."""
         await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs, n on and -n off, also where nothing may move: an output says that. Raises
-        ControllerError."""
+        """Switch digital outputs, n on and -n off, also while motion is not permitted, because an output may signal
+        just that. Raises ControllerError."""
         await self.ask_plainly(commands.signals(numbers))
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """The same of outputs that work the hand: refused where nothing may move."""
+        """Switch digital outputs that operate the gripper; needs the permit."""
         await self.command(commands.signals(numbers), timeout_s=self.dialect.answer_s)
 
     async def ask_plainly(self, text: str) -> tuple[str, ...]:
-        """One line that moves nothing, in a turn of its own; the lines printed. Raises ControllerError."""
+        """Type one line that moves nothing. Returns the printed lines. Raises ControllerError."""
         session = self._open_session
         async with session.turn() as talk:
             return session.accept(await session.ask(talk, text, (), self.dialect.answer_s)).of_text
 
     async def rest(self, location: Location, timeout_s: float | None = None, then: NextMove | None = None) -> Where:
-        """Wait until the arm is at rest at location: the controller says so, and two readings agree with it; or it says
-        so by the prompt to BREAK, and one reading is the very place, to what two may differ by.
+        """Wait until the arm is at rest at location: two readings agree, near it; or, after the prompt to BREAK, one
+        reading is as near to it as two readings of an arm at rest are to each other.
 
-        then: the move that is to follow at once. Its preamble is sent before that one reading, which is then also the
-        one that it begins with, where its line is typed within PREAMBLE_S and nothing else was on the line. Raises
-        Elsewhere when it came to rest somewhere else, NoAnswer when it is not at rest in time.
+        then: the move that will follow at once. Its preamble is sent before that one reading. If the move's line is
+        typed within PREAMBLE_S, and nothing else was on the line, that reading also serves as its start. Raises
+        Elsewhere where the arm came to rest at another place, NoAnswer where it is not at rest in time.
         """
         wait_s = timeout_s or self.dialect.motion_s
         deadline_s = self.clock() + wait_s
@@ -315,20 +316,20 @@ class Link:
                 raise Elsewhere(f"at rest {off_mm:.2f} mm and {off_deg:.2f} degrees from where it was sent", where)
 
     async def still(self, timeout_s: float, any_place: bool = False, before: Where | None = None) -> Where:
-        """Wait until two WHERE readings agree. Raises NoAnswer when they do not in time.
+        """Wait until two WHERE readings agree. Raises NoAnswer where they do not in time.
 
-        any_place: also where place and joints do not belong together (a TOOL or BASE other than ours). before: the
-        reading of just now."""
+        any_place: also accept readings whose location and joints do not match (another TOOL or BASE). before: a reading
+        taken just now."""
         async with self._open_session.turn() as talk:
             return await self._still(talk, timeout_s, any_place, before)
 
     async def abort(self) -> Where | None:
-        """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest; None where
-        the controller took the word and cannot say where the arm is: it is at its power-up questions, or has no zero.
-        Nothing moves then; a CAL that was under way has ended, for its prompt comes behind it.
+        """Stop the arm now, and return where it came to rest. A task that is using the link gets Preempted. None: the
+        controller accepted the command and cannot report a position, because it is at its power-up questions or the
+        arm is not calibrated. Then nothing moves; a CAL has ended, because the prompt comes only after it.
 
-        Raises StopRefused at once where the controller does not take the word, NoAnswer and others where rest was not
-        seen after some tries: the arm may move then: abort again.
+        Raises StopRefused at once where the controller does not accept the command; NoAnswer and others where it does
+        not report rest after some tries. Then the arm may still move: abort again.
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
@@ -336,8 +337,8 @@ class Link:
         return await asyncio.shield(self._aborting)
 
     async def prove_stop(self) -> None:
-        """See that the stop works, and how long that takes: by the very bytes and the very rule of `abort`, for that is
-        what it is. Raises as abort, and ControllerError where the controller asks instead."""
+        """Test the stop, and measure how long it takes; the test is a real `abort`. Raises as abort, and
+        ControllerError where the controller asks a question instead."""
         began_s = self.clock()
         await self.abort()
         self.permit.stop_took_s = self.clock() - began_s
@@ -357,10 +358,10 @@ class Link:
         return self.dialect.answer_s if self.dialect.prompt_after_move == "start" else self.dialect.motion_s
 
     async def _come_to_a_still_arm(self, session: LineSession) -> None:
-        """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer.
+        """Reach the prompt with the arm at rest, or a power-up question, when nothing moves. Raises NoAnswer.
 
-        A controller that says something and gives no prompt may have an arm at work; where nothing is echoed, one that
-        says nothing may as well: facetd stops it before it asks again.
+        If the controller sends something but no prompt, its arm may be moving; without echo, this is possible even if
+        it sends nothing. Then facetd stops the arm.
         """
         try:
             await session.prompt_on_opening()
@@ -384,7 +385,7 @@ class Link:
         self.stopped_on_opening = True
 
     async def _see_that_it_rests(self, talk: Conversation) -> None:
-        """Raises Busy where the arm moves, or the line is not clear enough to tell."""
+        """Check that the arm is at rest. Raises Busy where it moves, or where the line is too noisy to tell."""
         try:
             if not self.dialect.break_after_move:
                 await self._still(talk, 0.0, any_place=True)
@@ -397,14 +398,14 @@ class Link:
                 raise
 
     def _lines(self, location: Location, straight: bool) -> tuple[str, ...]:
-        """Of a move; the last one moves."""
+        """The lines of a move; the last one starts the motion."""
         if not straight:
             return (commands.move(location, self.dialect.unit_mm),)
         variable = self.dialect.variable if self.dialect.straight_through_variable else None
         return commands.straight_move(location, variable, self.dialect.unit_mm)
 
     async def _preamble_ahead(self, then: NextMove) -> Where:
-        """Send the preamble of a move as the one before it has ended."""
+        """Send the preamble of the next move when the previous one has ended."""
         session, lines = self._open_session, self._lines(then.location, then.straight)
         async with session.turn() as talk:
             where = await self._send_preamble(talk, lines[:-1], then.speed_pct)
@@ -412,8 +413,8 @@ class Link:
         return where
 
     async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: MoveStart | None) -> None:
-        """One motion, in one turn of the line. Where its line was spoiled as it was typed, the whole preamble is sent
-        again: no answer from before counts."""
+        """Start one motion, in one turn of the line. If its line was garbled, the whole preamble is sent again; earlier
+        answers do not count."""
         session = self._open_session
         if self._announced_s is not None:
             self._follows_s, self._announced_s = self.clock() - self._announced_s, None
@@ -429,8 +430,8 @@ class Link:
             session.accept(answer)
 
     async def _before_move(self, talk: Conversation, lines: Sequence[str], start: MoveStart | None) -> None:
-        """Send the preamble, unless it was sent ahead and is valid. Raises Garbled, where noise falls in each time, and
-        what start.agrees raises."""
+        """Send the preamble, unless a valid one was sent ahead. Raises Garbled where noise disturbs every try, and what
+        start.agrees raises."""
         session, ahead, self._preamble = self._open_session, self._preamble, None
         if start is None:
             for line in lines[:-1]:
@@ -443,19 +444,19 @@ class Link:
         start.agrees(where)
 
     def _is_valid(self, ahead: Preamble, lines: Sequence[str], start: MoveStart) -> bool:
-        """Whether a preamble sent ahead is the one of this move, is recent, and nothing was sent or heard since."""
+        """Whether a preamble sent ahead is for this move and recent, and nothing was sent or received since."""
         wanted = tuple(lines), start.speed_pct, self._open_session.traffic
         same = (ahead.lines, ahead.speed_pct, ahead.traffic) == wanted
         return same and self.clock() - ahead.at_s <= PREAMBLE_S
 
     async def _send_preamble(self, talk: Conversation, lines: Sequence[str], speed_pct: float) -> Where:
-        """Speed, location, and last where the arm is: between that and the line which moves nothing else is typed.
-        Raises Garbled, where noise falls in each time."""
+        """Send speed and location, and read WHERE last: nothing else is typed between it and the line that moves.
+        Raises Garbled where noise disturbs every try."""
         session, answer_s = self._open_session, self.dialect.answer_s
         for _ in range(self.dialect.typing_attempts * (len(lines) + 3)):
             before = session.recoveries
             of_programs = await session.ask(talk, commands.PROGRAM_SPEED, (), answer_s)
-            session.accept(replace(of_programs, errors=()))  # refused, in whatever words: there is none
+            session.accept(replace(of_programs, errors=()))  # a controller that refuses it has no such factor
             session.accept(await session.ask(talk, commands.speed(speed_pct), (), answer_s))
             for line in lines:
                 session.accept(await session.ask(talk, line, (), answer_s))
@@ -471,7 +472,7 @@ class Link:
         timeout_s: float | None,
         meant: Callable[[str], bool] = bool,
     ) -> ControllerAnswer:
-        """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""
+        """Type several lines in one turn, so that no abort can come between them unnoticed. Returns the last answer."""
         session = self._open_session
         async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
@@ -482,7 +483,7 @@ class Link:
         return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
-        """any_place: take the reading even when its place and joints do not belong together."""
+        """Read WHERE. any_place: also accept a reading whose location and joints do not match."""
         session, why = self._open_session, "WHERE did not give its table"
         for _ in range(self.dialect.typing_attempts):
             answer = session.accept(await session.ask(talk, "WHERE", (), self.dialect.answer_s))
@@ -517,8 +518,9 @@ class Link:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
     async def _abort(self, session: LineSession) -> Where | None:
-        """Try after try, each no longer than a prompt and two WHERE take. Whatever is half typed becomes an error, not
-        a command; a question in the way is answered with N first, but for one of power-up, where no program may ask."""
+        """Try to stop, each try at most as long as a prompt and two WHERE take. A half-typed line becomes an error, not
+        a command. An open question is first answered with N, except a power-up question, unless a program may be
+        asking it."""
         no = b"N" + self.dialect.line_end
         problem: LinkError = NoAnswer(f"no answer to {self.dialect.abort_word}")
         before, asked = b"", ""
@@ -543,9 +545,9 @@ class Link:
         raise problem
 
     async def _type_abort(self, session: LineSession, talk: Conversation, before: bytes) -> LineEvent:
-        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
-        is taken back first: a Y, as an answer, is one whatever follows it. Nothing is before an answer of ours: where
-        the controller takes nothing back, that key would spoil it."""
+        """Type the stop command twice at once, on separate lines, so that a damaged byte damages only one of them.
+        First cancel a half-typed line: as an answer, a Y counts whatever follows it. Before an answer of facetd's
+        (before) no cancel key is sent: a controller that does not know the key would take it as part of the answer."""
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
@@ -554,8 +556,8 @@ class Link:
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, session: LineSession, talk: Conversation) -> Where | None:
-        """The word once more where its answer can be judged, then two WHERE that agree, or are both refused for want of
-        a zero. Raises StopRefused."""
+        """Type the stop command again and check its answer; then read WHERE twice: the readings must agree, or both be
+        refused because the arm is not calibrated. Raises StopRefused."""
         by_itself = await self._see_it_taken(
             session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
         )
@@ -583,11 +585,12 @@ class Link:
     async def _see_it_taken(
         self, session: LineSession, type_word: Callable[[], Awaitable[ControllerAnswer]]
     ) -> list[str]:
-        """See by its answer that the controller accepts the word that stops the arm. Returns what it reported by itself
-        meanwhile: a refusal comes at each try, the end of a program or of its power does not.
+        """Verify from its answer that the controller accepts the stop command. Returns what it reported by itself
+        meanwhile, such as the end of a program or a loss of arm power: unlike a refusal, that does not come at each
+        try.
 
-        Raises StopRefused; ControllerError where it asks instead, as it has taken the word for an answer, and where it
-        says something else each time.
+        Raises StopRefused; ControllerError where the controller asks a question instead, because it took the command
+        for an answer, and where it sends a different message each time.
         """
         by_itself: list[str] = []
         for _ in range(MOST_JUDGED):
@@ -596,9 +599,9 @@ class Link:
                 session.accept(answer)
                 break
             if not set(by_itself).isdisjoint(answer.errors):
-                self._unsee_the_stop()
+                self._void_stop_proof()
                 word, words = self.dialect.abort_word, "; ".join(answer.errors)
-                raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
+                raise StopRefused(f"the controller does not accept {word} (it answers `{words}`)")
             by_itself += answer.errors
         else:
             raise ControllerError("; ".join(by_itself))
@@ -610,7 +613,7 @@ class Link:
 
 
 async def _brakes_hold() -> None:
-    """Wait until the brakes hold an arm that cannot be seen at rest."""
+    """Wait until the brakes hold an arm whose position cannot be read."""
     await asyncio.sleep(BRAKES_S)
 
 
@@ -619,6 +622,6 @@ def nothing() -> None:
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
-    """Whoever asked may have gone away before the controller did not confirm; that is nobody's unhandled error."""
+    """Mark the error of an abort as retrieved: its caller may have been cancelled."""
     if not aborting.cancelled():
         aborting.exception()

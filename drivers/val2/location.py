@@ -1,7 +1,7 @@
-"""VAL II locations: X Y Z O A T <-> a 4x4 matrix. Degrees live here and nowhere further in.
+"""Convert between VAL II locations (X Y Z O A T, degrees) and 4x4 matrices.
 
 With [n s a] the tool axes in the world, a = (sin O cos A, -cos O cos A, -sin A); O = A = T = 0 points the hand
-along -Y with the fingers along +X. No serial line, no text of commands in this file.
+along -Y with the fingers along +X.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ SINGULAR_COS_A = 1e-10
 
 @dataclass(frozen=True)
 class Location:
-    """Where the tool is in the world, as VAL II writes it: mm and degrees."""
+    """A pose of the tool in the world, as VAL II writes it: mm and degrees."""
 
     x_mm: float
     y_mm: float
@@ -47,8 +47,8 @@ def matrix_from_location(location: Location) -> Array:
 def location_from_matrix(world_from_tool: Array, current_o_deg: float = 0.0) -> Location:
     """The location of a (4, 4) world_from_tool; A within +-90, O and T within +-180 degrees.
 
-    At A = +-90 degrees (hand straight down or up) only T - O or T + O is determined: O is then taken as
-    current_o_deg, the O the arm has now, so that a vertical approach does not spin the wrist.
+    At A = +-90 degrees (gripper straight down or up) only T - O or T + O is determined. Then O is current_o_deg, the
+    present O of the arm, so that a vertical approach does not spin the wrist.
     """
     n, a = world_from_tool[:3, 0], world_from_tool[:3, 2]
     level = hypot(a[0], a[1])
@@ -72,7 +72,7 @@ def wrapped_deg(angle_deg: float) -> float:
 
 
 def apart(first: Location, second: Location) -> tuple[float, float]:
-    """How far two locations lie apart: mm between the tool points, degrees of the rotation between them.
+    """The difference of two locations: mm between the tool centre points, degrees of rotation.
 
     Compared as matrices, because near A = +-90 very different O and T mean the same orientation.
     """

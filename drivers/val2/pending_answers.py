@@ -1,4 +1,4 @@
-"""Answers that the controller owes: what comes too late is no answer any more, and is nobody else's line."""
+"""Answers that the controller still owes: recognise a late answer, so that it is not taken for somebody else's line."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ TABLE_WORDS = frozenset([*LOCATION_HEADER, *JOINT_HEADER, *SHARED_HEADER, "HAND"
 
 @dataclass(frozen=True)
 class Owed:
-    """What may still come of a line that was typed: its echo where that did not come, for then it was never ended; else
-    its answer. Of the empty line, which looks for a prompt: prompts."""
+    """What may still come after a line that facetd typed. is_echo: its echo, which did not come, so the line was not
+    ended; otherwise its answer. line: empty for the line that searches for a prompt, whose answer is prompts."""
 
     line: str
     is_echo: bool = False
 
     def may_be(self, heard: str) -> bool:
-        """Whether a line that came is of this kind."""
+        """Whether a received line may be this answer."""
         if self.is_echo:
             return heard == self.line
         if self.line == "WHERE":
@@ -28,24 +28,24 @@ class Owed:
 
 
 class PendingAnswers:
-    """What was typed and not answered in time, for as long as its answer may still come."""
+    """Lines that were not answered in time, kept for as long as their answers may still come."""
 
     def __init__(self, clock: Callable[[], float], lasts_s: float) -> None:
-        """lasts_s: how late an answer may come."""
+        """lasts_s: the greatest delay of an answer."""
         self._clock, self._lasts_s = clock, lasts_s
         self._owed: list[tuple[Owed, float]] = []
 
     def add(self, owed: Owed) -> None:
-        """Note what did not come in time."""
+        """Note an answer that did not come in time."""
         self._owed.append((owed, self._clock()))
 
     def table_came(self) -> None:
-        """A table has answered a WHERE: nothing of a line typed before it comes any more, but a table that another
-        WHERE may owe."""
+        """Note that a table has answered a WHERE: earlier lines are answered by now, except that another WHERE may
+        still owe its table."""
         self._owed = [(owed, at_s) for owed, at_s in self._owed if owed == Owed("WHERE")]
 
     def explain(self, heard: Sequence[str]) -> bool:
-        """Whether what was heard (prompts as dots) may be owed."""
+        """Whether received text (prompts as dots) may be an owed answer."""
         self._owed = [(owed, at_s) for owed, at_s in self._owed if self._clock() - at_s <= self._lasts_s]
         lines = [line.strip(PROMPTS) for text in heard for line in text.splitlines()]
         return any(all(owed.may_be(line) for line in lines if line) for owed, _ in self._owed)

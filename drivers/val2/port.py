@@ -1,4 +1,4 @@
-"""The serial port on asyncio: the only place that touches pyserial. Bytes out, bytes in by callback; no protocol."""
+"""The serial port on asyncio; only this module uses pyserial. Sends bytes, receives bytes by callback; no protocol."""
 
 import asyncio
 import contextlib
@@ -12,21 +12,21 @@ import serial
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError, PortError
 
-LOOK_S = 0.2
-"""How often the port's settings are compared while nothing is sent: one call of the kernel."""
+CHECK_SETTINGS_S = 0.2
+"""How often the port's settings are checked while nothing is sent. A check is one system call."""
 
 
 class Port(Protocol):
-    """An open port, as the session sees it."""
+    """The interface of an open port."""
 
     def write(self, data: bytes) -> None:
         """Send all of data. Raises PortError."""
 
     def overtake(self) -> None:
-        """What is sent next goes out at once: nothing that waits goes before it, and nobody holds the line."""
+        """Make the next bytes go out at once: discard unsent bytes, and release a line that XOFF holds."""
 
     def close(self) -> None:
-        """Let go of the port; safe to call twice."""
+        """Close the port; may be called twice."""
 
 
 OpenPort = Callable[[str, Dialect, Callable[[bytes], None], Callable[[LinkError], None]], Port]
@@ -35,10 +35,10 @@ were put back) -> an open port. Raises PortError."""
 
 
 class SerialPort:
-    """An open port whose bytes are handed over as they come, and whose settings stay as they were on opening.
+    """An open port that passes on bytes as they come, and keeps its settings as they were on opening.
 
-    Whoever opens the same device may change them (`stty sane`: its claim is advice): then what is heard waits for the
-    end of a line, and the kernel types it back to the controller.
+    Another program that opens the same device can change the settings (`stty sane`), because the lock is only advisory.
+    Then input would wait for the end of a line, and the kernel would echo it back to the controller.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class SerialPort:
             raise PortError(f"{path}: {_plain_reason(error)}") from error
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._serial.fileno(), self._readable)
-        self._look = self._loop.call_later(LOOK_S, self._look_at_settings)
+        self._check = self._loop.call_later(CHECK_SETTINGS_S, self._check_settings)
 
     def write(self, data: bytes) -> None:
         """Send all of data. Raises PortError; Disturbed, where somebody changed the port's settings."""
         if not self._serial.is_open:
             raise PortError(f"{self._path}: the port is closed")
-        if (changed := self._put_settings_back()) is not None:
+        if (changed := self._restore_settings()) is not None:
             raise changed
         try:
-            # Not pyserial's write: with no time to wait it spins for ever on a line that is held.
+            # Not pyserial's write: with timeout 0 it loops for ever on a line that is held.
             written = os.write(self._serial.fileno(), data)
         except BlockingIOError:
             written = 0
@@ -79,12 +79,12 @@ class SerialPort:
             raise PortError(f"{self._path}: the line takes no more bytes ({written} of {len(data)} went out)")
 
     def overtake(self) -> None:
-        """What is sent next goes out at once: nothing that waits goes before it, and nobody holds the line.
+        """Make the next bytes go out at once: discard unsent bytes, and release a line that XOFF holds.
 
-        XOFF, which holds it, is one spoiled bit off from a 3 and from an S, and then no XON follows. The
-        kernel releases such a line only after a request to hold it.
+        One damaged bit turns a 3 or an S into XOFF, and then no XON follows. The kernel releases such a line only
+        after a request to hold it.
         """
-        self._put_settings_back()
+        self._restore_settings()
         with contextlib.suppress(serial.SerialException, termios.error):  # the next write reports a port that is gone
             handle = self._serial.fileno()
             termios.tcflush(handle, termios.TCOFLUSH)
@@ -92,10 +92,10 @@ class SerialPort:
             termios.tcflow(handle, termios.TCOON)
 
     def close(self) -> None:
-        """Let go of the port; safe to call twice. For what waits on a line that is held the kernel would wait, half a
-        minute, and the whole daemon with it."""
+        """Close the port; may be called twice. Unsent bytes are discarded: on a held line the kernel would wait for
+        them for half a minute, and block the daemon."""
         if self._serial.is_open:
-            self._look.cancel()
+            self._check.cancel()
             self.overtake()
             self._loop.remove_reader(self._serial.fileno())
             self._serial.close()
@@ -110,12 +110,12 @@ class SerialPort:
         if data:
             self._on_bytes(data)
 
-    def _look_at_settings(self) -> None:
-        self._put_settings_back()
-        self._look = self._loop.call_later(LOOK_S, self._look_at_settings)
+    def _check_settings(self) -> None:
+        self._restore_settings()
+        self._check = self._loop.call_later(CHECK_SETTINGS_S, self._check_settings)
 
-    def _put_settings_back(self) -> Disturbed | None:
-        """Where somebody changed the port's settings: put them back, and report it."""
+    def _restore_settings(self) -> Disturbed | None:
+        """If another program changed the port's settings, restore them and report it."""
         with contextlib.suppress(serial.SerialException, termios.error):  # the next read reports a port that is gone
             handle = self._serial.fileno()
             if termios.tcgetattr(handle) == self._settings:
@@ -130,7 +130,7 @@ class SerialPort:
 
 
 def _plain_reason(error: Exception) -> str:
-    """What happened and what to do, without the library's wrapping."""
+    """What happened and what to do, without pyserial's wording."""
     text = str(error)
     if "exclusively lock" in text or "Device or resource busy" in text:
         return "in use by another program; stop that program or name another port"

@@ -1,6 +1,6 @@
-"""An open line to a controller: the port, the reader, silence, the ledger, whose turn it is, what is asked again.
+"""An open line to a controller: port, reader, silence timer, ledger, turns of the tasks that use it, repeated commands.
 
-What the commands are, and what of their answers says where the arm is, is link.py's.
+link.py knows the commands and interprets their answers.
 """
 
 import asyncio
@@ -30,13 +30,14 @@ from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text, of_a_table
 
 QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
-"""Of what was heard, at most, in a message."""
+"""The most received text that an error message quotes."""
 CONFIRMS = "are you sure"
-"""How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
+"""The controller's question that confirms a command; if it is open when the line is opened, an earlier user typed the
+command."""
 
 
 class LineSession:
-    """Bytes become events and reach whoever has the turn; what is sent and heard goes to the ledger."""
+    """An open line: it parses bytes into events for the task whose turn it is, and writes all traffic to the ledger."""
 
     def __init__(
         self,
@@ -49,25 +50,25 @@ class LineSession:
         disturbed: Callable[[], None],
         permit: LinePermit,
     ) -> None:
-        """Claim the port. Raises PortError. Needs a running event loop. switched_on: called as the controller asks what
-        it asks at power-up, whoever has the line; disturbed: as it is found that somebody else types on it; permit:
-        asked before a line that moves is ended, at each try."""
+        """Open the port. Raises PortError. Needs a running event loop. switched_on: called when the controller asks a
+        power-up question, whoever has the turn; disturbed: called when somebody else's typing is detected; permit:
+        checked at each try before a line that moves is ended."""
         self._permit = permit
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
-        """What the controller asks and nobody has answered yet."""
+        """The controller's open question."""
         self.lost = False
         """Whether the port is gone, or was closed."""
         self.traffic = 0
-        """How often anything was sent or heard."""
+        """How often anything was sent or received."""
         self.stop_typed = False
-        """Whether the word that stops the arm went out, and nothing was heard since."""
+        """Whether the stop command was sent and nothing was received since."""
         self._unreported: Disturbed | None = None
-        """What somebody did to the port or on the line that nobody heard of yet, for whoever has the next turn."""
+        """A disturbance of the port or the line that was not reported yet; the next turn raises it."""
         self._cut_off = False
-        """Whether who had the line lost it to that: what they had half typed may still stand in it."""
+        """Whether a disturbance ended somebody's turn: the line may still hold what was half typed."""
         self.recoveries = 0
-        """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
+        """How often the prompt had to be found again: lines typed around that time may not have been read correctly."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
         self._reader = Reader()
         self._owed = PendingAnswers(clock, dialect.motion_s)
@@ -82,7 +83,7 @@ class LineSession:
         self._port = open_port(path, dialect, self._hear, self._in_trouble)
 
     def close(self) -> None:
-        """Let go of the port; whoever waits gets PortError."""
+        """Close the port; a task that waits for an answer gets PortError."""
         self._lost(
             PortError(
                 f"{self.path}: facetd closed the line before the controller answered; look at the arm and at `status`, "
@@ -93,7 +94,8 @@ class LineSession:
 
     @contextmanager
     def being_opened(self) -> Iterator[None]:
-        """Whoever comes meanwhile waits for their turn, but for who opens: what they typed would stand amid that."""
+        """Context: all tasks but the one that opens the line wait for their turn, so that nothing is typed in
+        between."""
         self._opened.clear()
         try:
             yield
@@ -104,10 +106,12 @@ class LineSession:
     async def turn(
         self, moves: bool = False, answers_question: bool = False, opens: bool = False
     ) -> AsyncIterator[Conversation]:
-        """The line for oneself. Who waited through a pre-emption gets Preempted, and so does a motion asked for in one;
-        Disturbed, who waited as somebody changed the port's settings. opens: it is the turn of who opens the line.
+        """Context: exclusive use of the line. A task that waited during a pre-emption gets Preempted, as does a motion
+        that is requested in one; a task that waited while another program changed the port's settings gets Disturbed.
+        opens: this is the turn of the task that opens the line.
 
-        Raises ControllerError while the controller asks something else, or reported an error while nobody listened.
+        Raises ControllerError while the controller asks something else, or where it reported an error while no task was
+        waiting.
         """
         if not opens:
             await self._opened.wait()
@@ -117,13 +121,13 @@ class LineSession:
         async with self._turn:
             await self._may_go_on.wait()
             talk.check()
-            while self._reader.awaits_silence and not self.lost:  # a question of its own, heard but for the silence
+            while self._reader.awaits_silence and not self.lost:  # perhaps a question; only the silence is missing
                 await asyncio.sleep(self.dialect.prompt_silence_s)
             talk.check()
             try:
                 self._refuse_unheard(answers_question)
             except (Disturbed, NoAnswer) as found:
-                if self._reader.pending:  # half a line: it would be refused for ever, and stand before the next of ours
+                if self._reader.pending:  # half a line: every turn would refuse it, and it would precede our next line
                     with suppress(NoAnswer), self._kept(found):
                         await self.find_prompt(talk)
                 raise
@@ -134,7 +138,7 @@ class LineSession:
 
     @asynccontextmanager
     async def preemption(self) -> AsyncIterator[Conversation]:
-        """The line now, whoever has it: they get Preempted, and cannot send another byte."""
+        """Context: take the line at once. The task whose turn it was gets Preempted, and cannot send another byte."""
         self._may_go_on.clear()
         self.talk.end(Preempted("aborted"))
         self._port.overtake()
@@ -146,8 +150,8 @@ class LineSession:
 
     @asynccontextmanager
     async def terminal(self, on_bytes: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
-        """The bare line, for a person: what comes goes to on_bytes as well, what is typed to the function given. Raises
-        Busy once they left, where a program prints on and on."""
+        """Context: connect a person to the line. Output also goes to on_bytes; yields the function that types. Raises
+        Busy after the person left, if a program keeps printing."""
         talk = self.talk
         async with self._turn:
             await self._may_go_on.wait()
@@ -158,31 +162,31 @@ class LineSession:
             finally:
                 self._listener = None
                 if talk is self.talk:
-                    await self._silence_behind_a_person(talk)
+                    await self._clear_after_person(talk)
 
-    async def _silence_behind_a_person(self, talk: Conversation) -> None:
+    async def _clear_after_person(self, talk: Conversation) -> None:
         within_s = 3 * self.dialect.resync_s + self.dialect.table_s
         try:
             async with asyncio.timeout(within_s):
-                talk.unheard()  # the answers to the person are none to us
+                talk.unheard()  # drop the answers to the person
                 await self.find_prompt(talk)
                 await asyncio.sleep(self.dialect.prompt_silence_s)
-                while talk.unheard():  # nor what was still on its way
+                while talk.unheard():  # and those that were still on their way
                     await asyncio.sleep(self.dialect.prompt_silence_s)
         except TimeoutError:
             raise Busy(f"a program printed for {within_s:.1f} s after the terminal was left") from None
 
     async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[LineEvent]:
-        """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose
-        line it is; where a stop has taken it meanwhile not a byte is typed into the stop."""
+        """Get to the prompt, or to the controller's question (then in `question`). Raises NoAnswer. talk: the present
+        conversation; if a stop has taken over the line meanwhile, nothing is typed into the stop."""
         events = await talk.resynchronise(attempts)
         last = events[-1]
         self.question = last.text if isinstance(last, ControllerQuestion) else None
         return events
 
     async def prompt_on_opening(self) -> None:
-        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer, Busy also where
-        a program prints on and on."""
+        """Get to the prompt or question. It searches more than once only if the arm cannot be moving meanwhile. Raises
+        NoAnswer; Busy also if a program keeps printing."""
         try:
             async with asyncio.timeout(self.dialect.table_s):
                 await self.find_prompt(self.talk, attempts=1)
@@ -194,7 +198,7 @@ class LineSession:
             await self.find_prompt(self.talk)
 
     async def decline(self) -> None:
-        """No to what somebody before us began; typed twice where something stood in the line before it."""
+        """Answer N to the confirmation of an earlier user's command; twice if the line had something in it before."""
         async with self.turn(answers_question=True, opens=True) as talk:
             for _ in range(2):
                 answer = await talk.ask("N", (), self.dialect.resync_s)
@@ -212,8 +216,8 @@ class LineSession:
         moves: bool = False,
         first: Callable[[], Awaitable[None]] | None = None,
     ) -> ControllerAnswer:
-        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing. moves: it is ended
-        only where motion is permitted then; first: what is to be done each time before it is typed."""
+        """Type a command and return its answer; repeat it as long as that is safe: its line was not ended, or it moves
+        nothing. moves: end the line only if motion is permitted; first: called before each try."""
         for _ in range(self.dialect.typing_attempts):
             if first is not None:
                 await first()
@@ -243,8 +247,9 @@ class LineSession:
         meant: Callable[[str], bool] = bool,
         moves: bool = False,
     ) -> ControllerAnswer:
-        """Ask, and see that nothing of somebody else's came amid the answer. Raises as Conversation.ask; Disturbed,
-        NoAnswer where an answer of ours came too late amid it, Garbled where a line came twice."""
+        """Type a command once, and check that its answer contains nothing of somebody else's. Raises as
+        Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
+        came twice."""
         answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
         said_by_itself = answer.question is not None or answer.errors
         if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
@@ -257,8 +262,8 @@ class LineSession:
     async def past_a_rest(
         self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]
     ) -> ControllerAnswer:
-        """Type it; once more where this was the first line since the prompt was found, and was refused as a command
-        nobody knows: it was not carried out."""
+        """Type a line, and again if it was the first one after the prompt was found and was refused as unknown: then it
+        followed the rest of an earlier line, and was not carried out."""
         may_hold_rest = talk.line_may_hold_rest
         answer = await type_it()
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
@@ -266,7 +271,8 @@ class LineSession:
         return answer
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
-        """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
+        """Get back to a prompt. Returns the errors that the controller reported on the way. Raises NoAnswer,
+        ControllerError."""
         self.recoveries += 1
         try:
             events = await self.find_prompt(talk)
@@ -277,7 +283,7 @@ class LineSession:
         return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]
 
     def accept(self, answer: ControllerAnswer) -> ControllerAnswer:
-        """An answer without errors and without an open question. Raises ControllerError on any other."""
+        """Return an answer that has neither errors nor an open question. Raises ControllerError for any other."""
         if answer.question is not None:
             self.question = answer.question
         if answer.errors:
@@ -287,29 +293,29 @@ class LineSession:
         return answer
 
     def leave_unheard(self, errors: Sequence[str]) -> None:
-        """Keep errors that the controller reported by itself for whoever has the next turn, as what it reports while
-        nobody listens."""
+        """Keep errors that the controller reported by itself for the next turn, like those that it reports while no
+        task is waiting."""
         for text in errors:
             self.talk.hear(Error(b"", text))
 
     @property
     def heard_unasked(self) -> bool:
-        """Whether something came, or somebody changed the port's settings, while nobody has the line: the next turn
+        """Whether something came, or another program changed the port's settings, during nobody's turn; the next turn
         reports it."""
         if self.lost or self._turn.locked() or not self._may_go_on.is_set():
             return False
         return self._unreported is not None or self.talk.holds_unheard
 
     def send(self, data: bytes, kept: bytes) -> None:
-        """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
+        """Send bytes, then write `kept` to the ledger. Raises PortError."""
         self._port.write(data)
         self.traffic += 1
         if kept:
             self._ledger.sent(kept, self.clock())
 
     def _in_trouble(self, error: LinkError) -> None:
-        """The port is gone; or somebody changed its settings, and nobody knows what went astray meanwhile: whoever has
-        the line loses it. A stop goes on, and who talks to the controller by hand."""
+        """The port is gone; or another program changed its settings, and bytes may have been lost: the task whose turn
+        it is loses it. A stop continues, and so does a person's terminal."""
         if not isinstance(error, Disturbed):
             self._lost(error)
             return
@@ -321,8 +327,8 @@ class LineSession:
             self._unreported = error
 
     def _refuse_unheard(self, answers_question: bool) -> None:
-        """What came while nobody listened comes first: errors and questions (an emergency stop, a power cycle), and
-        what answers nothing of ours."""
+        """Report first what came while no task was waiting: errors and questions (an emergency stop, a power cycle),
+        and somebody else's lines."""
         if (unreported := self._unreported) is not None:
             self._unreported = None
             raise unreported
@@ -341,8 +347,8 @@ class LineSession:
             self._refuse_others(others)
 
     def _refuse_others(self, heard: Sequence[str]) -> None:
-        """Raise Disturbed where something of somebody else's was heard, NoAnswer where it is an answer of ours that
-        comes too late. Behind a prompt that was just found an answer of ours is none too late: it is left alone."""
+        """Raise Disturbed where received text is somebody else's, NoAnswer where it is a late answer to a line of
+        facetd's. After a search for the prompt, late answers are expected and ignored."""
         said, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_hold_rest
         if found:
             said = [text for text in said if not answers_search(text, self.dialect.cancel_line)]
@@ -355,8 +361,8 @@ class LineSession:
             raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
 
     async def _refuse_interleaved(self, talk: Conversation, problem: Interleaved) -> None:
-        """As _refuse_others, once the mixed line was taken back; what is believed is dropped before anything is
-        typed."""
+        """As _refuse_others, after the mixed line was cancelled. The beliefs about the cell are voided before anything
+        is typed."""
         try:
             self._refuse_others([problem.heard])
         except Disturbed as found:
@@ -366,8 +372,8 @@ class LineSession:
 
     @contextmanager
     def _kept(self, found: LinkError) -> Iterator[None]:
-        """Context: the line is cleared behind what was found. A stop may cut that off, and who found it would tell
-        nobody that others type on the line: the next turn does."""
+        """Context: clear the line after a disturbance was found. If a stop interrupts that, the error would be lost, so
+        the next turn raises it."""
         try:
             yield
         except (Preempted, asyncio.CancelledError):
@@ -415,18 +421,18 @@ class LineSession:
 
 
 def _typed_at_the_prompt(events: Sequence[LineEvent]) -> bool:
-    """Whether what came while nobody listened begins as an echo does, behind the prompt: what follows answers that
-    line. A controller begins a line of its own for what it says by itself."""
+    """Whether unexpected output begins like an echo, directly after the prompt: then the rest answers somebody else's
+    line. For its own reports a controller starts a new line."""
     return isinstance(events[0], Text) and events[0].raw[:1] not in (b"\r", b"\n") and _is_no_noise(events[0].text)
 
 
 def _is_no_noise(text: str) -> bool:
-    """Whether a line amid an answer of ours is somebody else's: long enough, or a prompt that another ran into."""
+    """Whether a line within an answer is somebody else's and not noise: it is long enough, or is another prompt."""
     return len(text) >= SHORTEST_TYPED or not text.strip(". ")
 
 
 def quoted(heard: Sequence[str]) -> str:
-    """What was heard, as far as a message to a person has room for it: noise may be thousands of characters."""
+    """Received text, shortened for a message: noise may be thousands of characters."""
     pieces = [
         repr(text[:QUOTED_CHARACTERS]) + "..." * (len(text) > QUOTED_CHARACTERS) for text in heard[:QUOTED_PIECES]
     ]
@@ -435,10 +441,10 @@ def quoted(heard: Sequence[str]) -> str:
 
 
 def confirms(question: str) -> bool:
-    """Whether it asks if a command is meant."""
+    """Whether a question asks to confirm a command."""
     return CONFIRMS in question.lower()
 
 
 def _may_be_our_own_noise(text: str) -> bool:
-    """Whether a message may come from the characters that make a half-typed line an error."""
+    """Whether an error message may be the answer to the characters that make a half-typed line an error."""
     return "illegal command" in text.lower() or "syntax error" in text.lower()

@@ -1,4 +1,4 @@
-"""VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
+"""Parse a VAL II controller's output: bytes, in pieces of any length, become events. No I/O, no clock, no sending.
 
 A dot (or several: some systems print two, and some prompt behind prompt) is a prompt only at the start of a line *and*
 followed by silence, a question mark (or the choice behind it) a question only at the end of one and followed by
@@ -36,16 +36,16 @@ PROMPT_DOTS = re.compile(rb" *\.( *\.){0,9} *")
 five, of two dots each on some systems."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
 ODT_PROMPT = re.compile(rb"(^|[\r\n])@ *$")
-"""Of a halted LSI-11: its console (ODT) answers what it does not understand with `?`, and prompts with `@`."""
+"""The prompt of a halted LSI-11: its console (ODT) answers unknown input with `?`, and prompts with `@`."""
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
 ROW_AND_PROMPT = re.compile(rb"(?P<row>.*(\.\d+|\d(?=\s|\.[ .]*\.)))(?P<prompt>" + PROMPT_DOTS.pattern + rb")")
-"""The last row of WHERE with a prompt behind it in the same line. `6.` alone may be half of `6.000`."""
+"""The last row of WHERE with a prompt after it on the same line. `6.` alone may be the first half of `6.000`."""
 OF_A_ROW = re.compile(r"[-+.\d\s*XYZOATJ/]+")
-"""What a line of WHERE is made of, an asterisk in it."""
+"""A line of WHERE's table with an asterisk in it."""
 
 
 def is_halted(raw: bytes) -> bool:
-    """Whether what came ends at the prompt of a halted LSI-11's console: no VAL runs behind it."""
+    """Whether the output ends with the prompt of a halted LSI-11's console: VAL does not run."""
     return ODT_PROMPT.search(raw) is not None
 
 
@@ -57,15 +57,15 @@ class Where:
     joints_deg: tuple[float, ...]
 
     def turned_deg(self, before: Where) -> float:
-        """Of the joint that turned most since another reading. Where the wrist is straight, two of them can turn and
-        the tool stays where it is."""
+        """The largest rotation of a joint since another reading, degrees. With a straight wrist two joints can turn
+        while the tool stays."""
         return max(abs(now - then) for now, then in zip(self.joints_deg, before.joints_deg, strict=True))
 
 
 @dataclass(frozen=True)
 class LineEvent:
-    """A piece of the controller's output; raw: the very bytes, so that all raws in a row are the stream; what: its name
-    in the ledger, which recorded runs keep."""
+    """A section of the controller's output. raw: its bytes; joined, the raws of all events are the whole stream. what:
+    its name in the ledger, which recorded runs keep."""
 
     what: ClassVar[str]
     raw: bytes
@@ -73,7 +73,7 @@ class LineEvent:
 
 @dataclass(frozen=True)
 class Echo(LineEvent):
-    """The typed characters came back unharmed."""
+    """The typed characters came back unchanged."""
 
     what: ClassVar[str] = "echo"
     text: str
@@ -81,7 +81,7 @@ class Echo(LineEvent):
 
 @dataclass(frozen=True)
 class Garble(LineEvent):
-    """What came back is not what was typed."""
+    """The echo differs from the typed characters."""
 
     what: ClassVar[str] = "garble"
     expected: str
@@ -90,7 +90,7 @@ class Garble(LineEvent):
 
 @dataclass(frozen=True)
 class Text(LineEvent):
-    """A line that is none of the others."""
+    """Any other line."""
 
     what: ClassVar[str] = "text"
     text: str
@@ -98,7 +98,7 @@ class Text(LineEvent):
 
 @dataclass(frozen=True)
 class Error(LineEvent):
-    """A message between asterisks, or a program stopped by the system: a failure, known words or not."""
+    """A message between asterisks, known or not, or the report that the system stopped a program: a failure."""
 
     what: ClassVar[str] = "error"
     text: str
@@ -106,7 +106,7 @@ class Error(LineEvent):
 
 @dataclass(frozen=True)
 class WhereTable(LineEvent):
-    """A whole answer to WHERE."""
+    """A complete answer to WHERE."""
 
     what: ClassVar[str] = "table"
     where: Where
@@ -114,7 +114,7 @@ class WhereTable(LineEvent):
 
 @dataclass(frozen=True)
 class ControllerQuestion(LineEvent):
-    """The controller waits for an answer to this."""
+    """A question of the controller: it waits for an answer."""
 
     what: ClassVar[str] = "question"
     text: str
@@ -122,13 +122,13 @@ class ControllerQuestion(LineEvent):
 
 @dataclass(frozen=True)
 class Prompt(LineEvent):
-    """The controller waits for a command."""
+    """The controller's prompt: it waits for a command."""
 
     what: ClassVar[str] = "prompt"
 
 
 class ReaderState(Enum):
-    """What the next byte is taken for."""
+    """The states of the reader: what the next byte belongs to."""
 
     LINE = auto()
     ECHO = auto()
@@ -137,7 +137,7 @@ class ReaderState(Enum):
 
 
 class Reader:
-    """Turns what a controller sends into events."""
+    """Turns a controller's output into events."""
 
     def __init__(self) -> None:
         self._state = ReaderState.LINE
@@ -151,24 +151,24 @@ class Reader:
 
     @property
     def state(self) -> ReaderState:
-        """What the next byte is taken for."""
+        """What the next byte belongs to."""
         return self._state
 
     @property
     def pending(self) -> bytes:
-        """What came since the last event."""
+        """The bytes since the last event."""
         return bytes(self._raw)
 
     @property
     def awaits_silence(self) -> bool:
-        """Whether silence now would mean something."""
+        """Whether silence now would complete a prompt or a question."""
         return self._state is ReaderState.LINE and (
             self._dot_waits or self._question_waits or self._asked is not None or self._glued_prompt > 0
         )
 
     @property
     def _glued_prompt(self) -> int:
-        """How many of the newest bytes are a prompt right behind WHERE's last number; 0 where none is."""
+        """The number of newest bytes that are a prompt directly after WHERE's last number; 0: none."""
         found = ROW_AND_PROMPT.fullmatch(self._line) if self._table else None
         if found is None:
             return 0
@@ -184,16 +184,16 @@ class Reader:
         return QUESTION.search(self._line) is not None
 
     def typed(self, text: bytes) -> None:
-        """These bytes were just sent and will be echoed."""
+        """Expect the echo of these bytes, which were just sent."""
         self._state, self._expected, self._matched = ReaderState.ECHO, text, 0
 
     def line_ended(self, echoed: bool = True) -> None:
-        """The line end was just sent."""
+        """Note that the line end was just sent."""
         self._state = ReaderState.ENDED if echoed else ReaderState.LINE
         self._fresh = not echoed
 
     def receive(self, data: bytes) -> list[LineEvent]:
-        """Take bytes, give the events they complete."""
+        """Take bytes and return the events that they complete."""
         events: list[LineEvent] = []
         for byte in data:
             self._raw.append(byte)
@@ -202,7 +202,7 @@ class Reader:
         return events
 
     def silence(self) -> list[LineEvent]:
-        """Nothing came for long enough: a waiting dot is a prompt, a waiting question mark a question."""
+        """Note a silence: a dot before it is a prompt, a question mark before it is a question."""
         events: list[LineEvent] = []
         if not self.awaits_silence:
             return events
@@ -275,7 +275,7 @@ class Reader:
         events.append(_plain(self._cut(), text))
 
     def _continue_table(self, text: str, events: list[LineEvent], keep: int = 0) -> bool:
-        """Whether the line belongs to an answer to WHERE. keep: of the newest bytes, those that are not the line's."""
+        """Whether the line belongs to WHERE's table. keep: the number of newest bytes that are not part of the line."""
         if not _table_goes_on([line for _, line in self._table], text):
             self._give_up_table(events)
             if not _table_goes_on([], text):
@@ -289,12 +289,12 @@ class Reader:
         return True
 
     def _give_up_table(self, events: list[LineEvent]) -> None:
-        """Lines that looked like a WHERE answer and were not are text after all."""
+        """Emit lines that only looked like a WHERE table as text."""
         events.extend(_plain(raw, text) for raw, text in self._table)
         self._table.clear()
 
     def _cut(self, keep: int = 0) -> bytes:
-        """The bytes since the last event, but for the newest `keep`."""
+        """Take the bytes since the last event, without the newest `keep`."""
         split = len(self._raw) - keep
         cut = bytes(self._raw[:split])
         del self._raw[:split]
@@ -304,7 +304,7 @@ class Reader:
 
 
 def of_a_table(text: str) -> bool:
-    """Whether a line is one of those that WHERE prints, or one with an asterisk where noise put it."""
+    """Whether a line is part of a WHERE table, possibly with an asterisk that noise put there."""
     if "*" in text:
         return OF_A_ROW.fullmatch(text.upper()) is not None
     words = text.upper().split()
@@ -321,7 +321,7 @@ def _text(line: bytes | bytearray) -> str:
 
 
 def _numbers(text: str, count: int = 6) -> tuple[float, ...] | None:
-    """So many numbers, or None."""
+    """Parse exactly `count` numbers, or return None."""
     words = text.split()
     if len(words) != count or not all(NUMBER.fullmatch(word) for word in words):
         return None

@@ -364,10 +364,10 @@ def test_a_stop_that_is_not_confirmed_is_not_called_done(context: Any, word: str
 
 
 def test_enable_is_refused_by_a_controller_that_does_not_take_the_word_that_stops(context: Any) -> None:
-    context.cycle.stop_refused_with = "the controller does not take the word HALT (it says `*Illegal command*`)"
+    context.cycle.stop_refused_with = "the controller does not accept HALT (it answers `*Illegal command*`)"
     answer = say(context, "enable")
     assert answer.status == 1
-    assert "does not take the word HALT" in answer.text
+    assert "does not accept HALT" in answer.text
     assert "arm.dialect.abort_word" in answer.text
     assert context.cycle.told == []
 

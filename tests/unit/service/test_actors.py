@@ -339,7 +339,7 @@ def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
             story.sockets[0].answer("y")
             story.wait(15.0)
 
-    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_unsee_the_stop", nothing))
+    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_void_stop_proof", nothing))
 
 
 @pytest.mark.parametrize("text", ["auto on", "pick cube"])

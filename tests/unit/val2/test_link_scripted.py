@@ -711,7 +711,7 @@ def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_ref
             await link.prove_stop()
         return str(refused.value), link.stop_seen
 
-    assert lived(story()) == ("the controller does not take the word ABORT (it says `*What?*`)", 0)
+    assert lived(story()) == ("the controller does not accept ABORT (it answers `*What?*`)", 0)
 
 
 class Withheld(Unconditional):

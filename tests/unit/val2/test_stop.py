@@ -107,7 +107,7 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         if prompt == "start":
             assert line.now_s() - told_s < 0.5
             assert list(controller.lines).count("HALT") == 4, "at once, and no try after it was refused twice"
-            assert str(problem.value) == "the controller does not take the word HALT (it says `*Illegal command*`)"
+            assert str(problem.value) == "the controller does not accept HALT (it answers `*Illegal command*`)"
         controller.tick(line.now_s() + 60.0)
         await asyncio.sleep(60.0)
         assert controller.machine.at_rest()
