@@ -1,8 +1,8 @@
-"""One connection to LinuxCNC's remote shell: a line out, a line back. It knows no arm.
+"""A connection to LinuxCNC's remote shell: send a line, receive a line. It knows nothing of arms.
 
-Source: LinuxCNC 2.9, manual page linuxcncrsh(1). `get NAME` is answered by the name and its words, `set NAME ...` by
-`SET NAME ACK` or `NAK` once LinuxCNC's task has it (a tenth of a second), which says nothing of whether it worked.
-One connection at a time may set anything: the one that said `enable` last.
+Source: LinuxCNC 2.9, manual page linuxcncrsh(1). The answer to `get NAME` is the name and its values. The answer to
+`set NAME ...` is `SET NAME ACK` or `NAK`, once LinuxCNC's task has received it (0.1 s); it does not say whether the
+command worked. Only one connection at a time may set anything: the one that sent `enable` last.
 """
 
 import asyncio
@@ -11,15 +11,15 @@ from contextlib import suppress
 
 ANSWER_S, ASKED = 2.0, 3
 LONGEST = 4096
-"""Bytes of a line; more is no answer of a remote shell's."""
+"""The most bytes of a line; a longer one does not come from a remote shell."""
 
 
 class ShellError(Exception):
-    """The remote shell does not answer, or not as it should: what and where, on one line."""
+    """The remote shell does not answer, or answers wrongly; the message says what and where, on one line."""
 
 
 class RemoteShell:
-    """See the module. on_line: takes every line, and whether it was sent."""
+    """A connection to a remote shell. on_line: called with every line, and whether it was sent (or received)."""
 
     def __init__(self, host: str, port: int, on_line: Callable[[str, bool], None]) -> None:
         self.where = f"LinuxCNC's remote shell at {host}:{port}"
@@ -33,7 +33,7 @@ class RemoteShell:
         return self._streams is not None
 
     async def open(self, name: str, password: str) -> None:
-        """Connect, be let in, and have every line answered. Raises ShellError."""
+        """Connect, log in, and set up the shell so that it answers every line. Raises ShellError."""
         await self.close()
         try:
             async with asyncio.timeout(ANSWER_S):
@@ -43,7 +43,7 @@ class RemoteShell:
             raise ShellError(f"{self.where}: {why}: does LinuxCNC run, with linuxcncrsh?") from error
         try:
             answer = await self._exchange(f"hello EMC {name} 1.0", "set echo off", "set verbose on")
-            while not answer.startswith(("SET VERBOSE", "HELLO NAK")):  # what is said before echo is off
+            while not answer.startswith(("SET VERBOSE", "HELLO NAK")):  # skip lines from before echo was off
                 answer = await self._exchange()
         except ShellError as error:
             raise ShellError(f"{self.where} does not know `hello`") from error
@@ -53,7 +53,7 @@ class RemoteShell:
         await self.tell(f"enable {password}")
 
     async def close(self) -> None:
-        """Leave; safe to call twice."""
+        """Close the connection; may be called twice."""
         streams, self._streams = self._streams, None
         if streams is not None:
             streams[1].close()
@@ -61,8 +61,8 @@ class RemoteShell:
                 await streams[1].wait_closed()
 
     async def ask(self, name: str) -> list[str]:
-        """The words of an answer, without the name. Asked again where another connection asked at the same moment: the
-        shell then mixes up the words of both. Raises ShellError."""
+        """Send `get NAME`. Returns the words of the answer, without the name. If another connection sends a request at
+        the same moment, the shell mixes up both answers; then it is repeated. Raises ShellError."""
         for _ in range(ASKED):
             answer = await self._exchange(f"get {name}")
             first, *words = answer.split()
@@ -71,15 +71,15 @@ class RemoteShell:
         raise ShellError(f"{self.where}: {name!r} was answered by {answer!r}")
 
     async def tell(self, text: str, may: Callable[[], None] | None = None) -> None:
-        """`set TEXT`. may: called right before it is sent; what it raises comes out of here, and nothing was sent.
-        Raises ShellError."""
+        """Send `set TEXT`. may: called immediately before sending; if it raises, nothing is sent and its error
+        propagates. Raises ShellError."""
         answer = await self._exchange(f"set {text}", may=may)
         if answer.split()[-1:] != ["ACK"]:
             raise ShellError(f"{self.where} refuses {text.partition(' ')[0]!r} ({answer!r})")
 
     async def _exchange(self, *lines: str, may: Callable[[], None] | None = None) -> str:
-        """Send lines, if any, and take the next one that comes; to its end, also where whoever asked goes away: the
-        answer would be taken for the next one."""
+        """Send lines, if any, and receive the next one. This completes even if the caller is cancelled; otherwise the
+        next request would get this answer."""
         exchange = asyncio.ensure_future(self._one(lines, may))
         exchange.add_done_callback(lambda done: done.cancelled() or done.exception())
         return await asyncio.shield(exchange)
@@ -97,7 +97,7 @@ class RemoteShell:
                         self._on_line(line, True)
                         writer.write(f"{line}\r\n".encode("ascii", "replace"))
                     answer = ""
-                    while not answer:  # it ends some lines twice
+                    while not answer:  # the shell ends some lines twice
                         answer = (await reader.readuntil(b"\n")).decode("ascii", "replace").strip()
             except (OSError, EOFError, TimeoutError, asyncio.LimitOverrunError) as error:
                 await self.close()
