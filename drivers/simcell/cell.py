@@ -41,13 +41,13 @@ PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
 BOARD_IN_GRIPPER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Tool axes of a board that the gripper holds by its edge: its rows across the fingers, its face away from the tip."""
 HELD_BOARD_MM = 60.0
-"""How far its first square is beside the tool's axis: the fingers hide none."""
+"""Distance of its first square from the tool's axis, so that the fingers hide none."""
 FINGER_ALBEDO = 0.3
 HOLD_CHECKS = 8
-"""So often on a motion, or on what passed of it since the last time, it is asked whether the vacuum still holds: at
-rest nothing changes."""
+"""How often during a motion, or its part since the last check, it is checked whether the vacuum still holds. At rest
+nothing changes."""
 HELD_UP = 0.73
-"""Of the way from fixed cameras to the table, where a part is held up for teaching."""
+"""Where a part is held up for teaching: this share of the distance from fixed cameras to the table."""
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """World axes of a board face up on the table, its rows across the arm's reach and its top farthest out."""
 
@@ -134,10 +134,10 @@ class SimulatedCell:
         self.valve = "works" if cup is None else cup.valve
         """Whether the vacuum's valve works, or sticks where it is on, or off."""
         self._sucks = False
-        """Whether the valve that outputs work is open."""
+        """Whether the valve that the outputs operate is open."""
         self._closed_by_a_hand = False
         self._hold_checked_s, self._hold_read = 0.0, 0
-        """Until when it was asked whether the vacuum holds, and the first event of the history that may last longer."""
+        """Until when the vacuum's hold was checked, and the first event of the history that may last longer."""
         self._machine.before_input, self._machine.after_outputs = self._vacuum_switch, self._outputs_switched
         safety = self._settings.safety
         barred = structs.replace(safety, keep_out=[*safety.keep_out, *self._settings.fixture])
@@ -290,8 +290,8 @@ class SimulatedCell:
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
     def switch_input(self, number: int, high: bool) -> None:
-        """Switch a digital input of the controller, as the line does; that of the vacuum by a hand that closes the
-        cup."""
+        """Switch a digital input of the controller, as the line does; the vacuum switch's input as a person does who
+        closes the cup with a hand."""
         cup = self._both.suction
         with self.server.controller() as controller:
             if cup is not None and number == cup.switch_input:
@@ -309,8 +309,8 @@ class SimulatedCell:
         (machine.inputs.add if on else machine.inputs.discard)(cup.switch_input)
 
     def _watch_hold(self, now_s: float) -> None:
-        """Have what the vacuum does not hold fall where it was lost on the way since the last time. For who has the
-        controller."""
+        """Drop a part that the vacuum has lost since the last check, at the point of the path where that happened. The
+        caller must hold the controller."""
         since_s, self._hold_checked_s = self._hold_checked_s, max(now_s, self._hold_checked_s)
         if self._settings.suction is None:
             return
@@ -350,7 +350,7 @@ class SimulatedCell:
         self._work(on)
 
     def _on_gripper(self, closed: bool) -> None:
-        """The controller's hand valves, which do nothing to a cup with a valve at outputs."""
+        """Operate the controller's gripper valves; they have no effect on a cup whose valve is at outputs."""
         cup = self._settings.suction
         if cup is None or cup.vacuum_output is None:
             self._work(closed)

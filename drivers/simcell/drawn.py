@@ -55,7 +55,7 @@ def drawn_shape(
 
 
 def _with_surface(made: PartShape, surface: DrawnSurface) -> PartShape:
-    """The shape seen by its surface, resting where the hull of that is flat."""
+    """The shape with a surface for its appearance; it rests on the flat faces of the surface's hull."""
     centre = surface.volume_and_centre[1]
     touching = [
         abs(surface.beyond(normal) - offset) < CHORD_MM

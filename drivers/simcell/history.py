@@ -70,7 +70,7 @@ class GraspRecord:
 
 @dataclass(frozen=True)
 class ReleaseRecord:
-    """The jaws hold no part from now on: they opened, the part slipped out, or somebody took it."""
+    """The gripper lost its part: it opened, the part slipped out, or somebody took it."""
 
     began_s: float
     by: str
@@ -78,7 +78,7 @@ class ReleaseRecord:
 
 @dataclass(frozen=True)
 class DropRecord:
-    """A part that the jaws let go. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into
+    """The gripper released a part. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into
     the bin; theirs: see MotionRecord."""
 
     began_s: float

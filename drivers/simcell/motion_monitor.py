@@ -1,8 +1,8 @@
-"""Independent motion monitor: judges every motion of the arm, whoever made it, by the rules of a cell among people.
+"""Independent motion monitor: checks every motion of the simulated arm, by any cause, against a cell's safety rules.
 
-Reads the machine's history and a few facts from beside the daemon (when the arm was enabled). No
-byte of the line and nothing the daemon believes comes in here. Violations are lines of text, the worst of each kind a
-motion. Times are the controller's seconds, lengths mm.
+It reads the machine's history and a few facts that the test reports (for example when the arm was enabled). It uses
+neither the bytes of the line nor anything that the daemon believes. For each motion it reports the worst violation of
+each rule. Times are the controller's seconds, lengths mm.
 """
 
 from bisect import bisect_right
@@ -30,27 +30,28 @@ from drivers.simcell.rigid import inverse
 from drivers.simcell.truth import Box, Rod, Safety, TableTruth
 
 APART_MM = 5.0
-"""No ball of the body moves farther than this between two samples, unless all it could strike is twice as far away."""
+"""The most that a ball of the body moves between two samples, unless every obstacle is twice as far away."""
 SAMPLE_S, SHORTEST_S = 0.05, 1e-4
 BALLS_APART_MM = 10.0
 HALF_TURN_OF_2 = np.array([0.0, np.pi, 0.0, 0.0, 0.0, 0.0])
 LAST_MOMENTS_S = 0.05
-"""An arm that brakes shows two readings that agree so long before it stands."""
+"""How long before it is at rest a braking arm may show two readings that agree."""
 TYPED_S = 0.1
-"""What was let go just before moves were held has been typed whole by then."""
+"""The time to type the whole line of a move that was released just before moves were held."""
 ASKED_S = 0.5
-"""Where the arm is was asked so long before a move is typed, at most: nobody can know of what others do in between."""
+"""The longest time between reading the arm's position and typing a move: the daemon cannot know what others do in
+between."""
 PRESSED_MM = 1.0
-"""So far a part in the gripper may be pressed onto the table: fingers and pads give by more."""
+"""How far a part in the gripper may be pressed onto the table: fingers and pads yield by more."""
 PART = "the part "
 INTO_TABLE = f"{PART}into the table"
 HAIR_MM = 0.5
-"""A length beyond its limit by less is the arm's repeatability."""
+"""The tolerance of lengths, for the arm's repeatability."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Which rule, when, what was typed that led to it, and what was so."""
+    """A broken rule: its name, the time, the typed line that caused it, and the details."""
 
     rule: str
     at_s: float
@@ -62,33 +63,33 @@ class Violation:
 
 
 class _Facts:
-    """What was so from when on."""
+    """A value that changes over time: each value with the time from which it applies."""
 
     def __init__(self, first: float) -> None:
         self._times, self._values = [float("-inf")], [first]
 
     def add(self, at_s: float, value: float) -> None:
-        """From at_s on; facts may come late, not out of order with each other."""
+        """Set the value from at_s on. Calls may come late, but in the order of their times."""
         self._times.append(max(at_s, self._times[-1]))
         self._values.append(value)
 
     def at(self, moment_s: float) -> float:
-        """The value in force."""
+        """The value at a moment."""
         return self._values[bisect_right(self._times, moment_s) - 1]
 
     def true_before(self, moment_s: float) -> float:
-        """When it was last true."""
+        """When a true value was last set, up to a moment; -inf: never."""
         here = bisect_right(self._times, moment_s)
         return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k]), float("-inf"))
 
     def said_within(self, start_s: float, end_s: float, value: float) -> float | None:
-        """When a value was first set after start_s, up to end_s."""
+        """When a value was first set after start_s, up to end_s; None: not in that time."""
         within = range(bisect_right(self._times, start_s), bisect_right(self._times, end_s))
         return next((self._times[k] for k in within if self._values[k] == value), None)
 
 
 class ArmSpheres:
-    """The arm as balls in the world: rods cut into balls no farther apart than BALLS_APART_MM."""
+    """The arm as balls in the world: each rod is a row of balls at most BALLS_APART_MM apart."""
 
     def __init__(self, rods: Sequence[Rod], arm: ArmGeometry, joint_offsets_rad: Array) -> None:
         """arm, joint_offsets_rad (6,): the true ones."""
@@ -99,7 +100,7 @@ class ArmSpheres:
         self._centres = np.array([ball for rod in rods for ball in _cut(rod)]).reshape(-1, 3)
 
     def carried(self, motion: Motion, times_s: Array, points_mm: Array) -> Array:
-        """(N, P, 3) world mm: where points (P, 3) of the tool's frame are."""
+        """(N, P, 3) world mm: the positions of points (P, 3) fixed in the tool's frame."""
         tools = np.array([forward(motion.joints_at(moment_s) + self._offsets, self._arm) for moment_s in times_s])
         return np.asarray(points_mm @ tools[:, :3, :3].transpose(0, 2, 1) + tools[:, None, :3, 3])
 
@@ -120,7 +121,7 @@ class ArmSpheres:
 
 
 def _directions(vectors: Array) -> Array:
-    """(N, 3) of length one."""
+    """(N, 3): the vectors scaled to length one."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
@@ -131,10 +132,10 @@ def _cut(rod: Rod) -> list[Array]:
 
 
 class MotionMonitor:
-    """Told the facts as they come; `violations` looks at what happened since it was last asked."""
+    """The motion monitor: tests report facts as they happen; `violations` checks what happened since its last call."""
 
     def __init__(self, history: History, body: ArmSpheres, safety: Safety, table: TableTruth) -> None:
-        """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
+        """history: grows; a motion in it may still be cut short. Motion is forbidden until `may_move` allows it."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
         self._may, self._drop_permitted, self._tried = _Facts(False), _Facts(False), _Facts(False)
         self._fastest = _Facts(safety.fastest_percent)
@@ -145,24 +146,24 @@ class MotionMonitor:
         self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
         self._others_moved_s = float("-inf")
-        """When a motion of somebody else's began last."""
+        """When somebody else last started a motion."""
         self._left_mm: dict[str, float] = {}
-        """How deep, by rule, the arm still is where a person's own line has left it."""
+        """How deep the arm, by rule, still violates a limit after a line that a person typed."""
         self._carried: GraspRecord | None = None
         self._read = 0
         self._found: list[Violation] = []
 
     def mounted(self, at_s: float, body: ArmSpheres) -> None:
-        """Another body from a moment on at which the arm is at rest."""
+        """The arm has another body (gripper) from this moment on; it is at rest."""
         self.violations(at_s)
         self._body = body
 
     def may_move(self, at_s: float, allowed: bool) -> None:
-        """Whether the cell says enabled, and no fault stands, from a moment on."""
+        """Whether the arm is enabled and no fault is active, from this moment on."""
         self._may.add(at_s, allowed)
 
     def stop_received(self, at_s: float, by: str = "a stop") -> None:
-        """A stop that the controller was given otherwise than by a line it knows."""
+        """The controller was given a stop by other means than a line that the history records."""
         self._stops.append((at_s, by))
 
     def said_to_rest(self, at_s: float, text: str) -> None:
@@ -170,46 +171,45 @@ class MotionMonitor:
         self._said_to_rest.append((at_s, text))
 
     def stop_tried(self, at_s: float, asked: bool) -> None:
-        """Whether somebody asked, from a moment on, that the stop be tried before the arm may move: a stop that only
-        the line knows of is that trial."""
+        """Whether the stop is being tested, from this moment on: then a stop that only the line has is that test."""
         self._tried.add(at_s, asked)
 
     def no_faster_than(self, at_s: float, percent: float) -> None:
-        """The highest monitor speed allowed from a moment on."""
+        """The highest permitted monitor speed from this moment on."""
         self._fastest.add(at_s, min(percent, self._safety.fastest_percent))
 
     def may_drop(self, at_s: float, allowed: bool = True) -> None:
-        """Whether an operator permits to drop what the gripper holds anywhere, from a moment on."""
+        """Whether an operator permits dropping the held part anywhere, from this moment on."""
         self._drop_permitted.add(at_s, allowed)
 
     def held(self, at_s: float, holds: bool) -> None:
-        """Whether what moves is held back, from a moment on."""
+        """Whether motions are held, from this moment on."""
         self._held.add(at_s, holds)
 
     def each_asked(self, at_s: float, asked: bool) -> None:
-        """Whether each motion of arm and hand waits for a yes of its own, from a moment on."""
+        """Whether each motion of arm and gripper needs its own confirmation, from this moment on."""
         self._each_asked.add(at_s, asked)
 
     def yes(self, at_s: float) -> None:
-        """An operator typed what may be a yes to a motion."""
+        """An operator typed what may confirm a motion."""
         self._yeses.append(at_s)
 
     def line(self, at_s: float, hears: bool) -> None:
-        """Whether what is typed to stop the arm gets through to the controller, from a moment on."""
+        """Whether a typed stop reaches the controller, from this moment on."""
         self._hears.add(at_s, hears)
 
     def by_hand(self, at_s: float, line: str) -> None:
-        """A person typed this line to the controller themselves: where it goes, and how fast, is theirs to answer for.
-        That it may move, and that it stops, is not; nor does the next motion answer for starting where theirs ended."""
+        """A person typed this line to the controller: its path and speed are not checked, but its permission and its
+        stops are. The next motion may start where it ended."""
         self._by_hand.setdefault(line, at_s)
 
     @property
     def carries(self) -> str | None:
-        """The label of what the gripper holds by what was judged last."""
+        """The label of the part in the gripper after the last checked event."""
         return None if self._carried is None else self._carried.label
 
     def violations(self, until_s: float) -> tuple[Violation, ...]:
-        """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
+        """All violations up to a moment, oldest first; the path of a motion is checked once it is over."""
         first, events = self._history.since(self._read)
         if first > self._read:
             self._found.append(Violation("not judged", until_s, "", "more happened than is kept: ask more often"))
@@ -224,10 +224,10 @@ class MotionMonitor:
         return tuple(self._found)
 
     def _judged(self, event: HistoryRecord) -> Iterator[Violation]:
-        if isinstance(event, GraspRecord | ReleaseRecord):  # whoever did it
+        if isinstance(event, GraspRecord | ReleaseRecord):  # by any cause
             self._carried = event if isinstance(event, GraspRecord) else None
             return
-        if event.theirs:  # nothing of it is answered for here, but what comes after it is
+        if event.theirs:  # not checked itself, but it affects what is checked next
             if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
                 self._others_moved_s = event.began_s
@@ -246,12 +246,12 @@ class MotionMonitor:
             yield from self._ways(event, over=True)
 
     def _made_by_noise(self, stop: StopRecord) -> bool:
-        """Whether a character that stops may be what a line that carries what it likes made of another: a word may
-        not."""
+        """Whether a stop may be noise: on a faulty line another character may turn into control-C, but not into a
+        whole command."""
         return stop.by == CONTROL_C and not self._hears.at(stop.began_s)
 
     def _ways(self, leg: MotionRecord, over: bool) -> Iterator[Violation]:
-        """How fast and how far it was to go, and, once it is over, what it came to on the way."""
+        """Check speed and length of a motion as commanded and, once it is over, its path."""
         moved_since_asked = self._others_moved_s > leg.given_s - ASKED_S
         if leg.began_s < self._by_hand.get(leg.by, float("inf")) and not moved_since_asked:
             yield from self._too_much(leg)
@@ -260,7 +260,7 @@ class MotionMonitor:
             self._left_mm = self._depths_at_rest(leg)
 
     def _unallowed(self, event: MotionRecord | GripperRecord) -> Iterator[Violation]:
-        """Begun while nothing may move, or after a stop that nobody has lifted."""
+        """Check for a motion that began while motion was forbidden, or after a stop and before the next enable."""
         what = "the arm set out" if isinstance(event, MotionRecord) else "the hand was driven"
         lifted_s = self._may.true_before(event.began_s)
         withdrawn_s = self._may.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
@@ -274,8 +274,8 @@ class MotionMonitor:
             yield Violation("after a stop", event.began_s, event.by, text)
 
     def _not_held(self, event: MotionRecord | GripperRecord) -> Iterator[Violation]:
-        """Typed while moves were held, or each was to be asked for, and was not. Where the line carried what was typed
-        spoiled, nobody knows when it was let go."""
+        """Check for a motion that was typed while moves were held, or without its confirmation. On a faulty line the
+        time when it was released is unknown, so it is not checked."""
         given_s = event.given_s
         held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self._held, self._each_asked))
         if self._held.at(given_s) and given_s > held_s and self._hears.at(given_s) and self._hears.at(held_s - TYPED_S):
@@ -288,7 +288,7 @@ class MotionMonitor:
                 yield Violation("not asked", event.began_s, event.by, text)
 
     def _too_late(self, leg: MotionRecord) -> Iterator[Violation]:
-        """Still on the way too long after a stop, or after the leave to move was withdrawn."""
+        """Check for a motion that continued too long after a stop, or after the permission was withdrawn."""
         ends_s = leg.motion.ends_s
         reasons = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
         reasons += [
@@ -301,7 +301,7 @@ class MotionMonitor:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
 
     def _said_to_rest_in(self, leg: MotionRecord) -> Iterator[Violation]:
-        """Reported to be at rest in the middle of it; in its last moments nobody can see that."""
+        """Check for a report of rest during the motion. Its last moments are left out: there it cannot be seen."""
         ends_s = leg.motion.ends_s
         for at_s, text in self._said_to_rest:
             if leg.began_s < at_s < ends_s - LAST_MOMENTS_S:
@@ -309,8 +309,8 @@ class MotionMonitor:
         self._said_to_rest = [said for said in self._said_to_rest if said[0] > ends_s]
 
     def _out_of_reach(self, event: MotionRecord | GripperRecord, forbidden_s: float | None) -> bool:
-        """Whether the controller had the whole line already when it was forbidden, and no stop could reach it
-        before it began."""
+        """Whether the controller had the whole line before motion was forbidden, and no stop could reach it before the
+        motion began."""
         return forbidden_s is not None and event.given_s < forbidden_s and event.began_s < self._heard_s(forbidden_s)
 
     def _heard_s(self, at_s: float) -> float:
@@ -321,7 +321,7 @@ class MotionMonitor:
         return float("inf") if again_s is None else again_s
 
     def _too_much(self, leg: MotionRecord) -> Iterator[Violation]:
-        """A speed or a step over its limit, as commanded."""
+        """Check the commanded speed and step against their limits."""
         allowed = self._fastest.at(leg.began_s)
         if leg.speed_percent > allowed + 1e-9:
             text = f"at a monitor speed of {leg.speed_percent:g} %, allowed are {allowed:g}"
@@ -334,7 +334,7 @@ class MotionMonitor:
             yield Violation("step too long", leg.began_s, leg.by, text)
 
     def _struck(self, leg: MotionRecord) -> Iterator[Violation]:
-        """The body where it must not be, or the tool too fast, anywhere on the way."""
+        """Check the whole path for collisions of the body and for the speed of the tool."""
         times, balls, tools = self._way(leg.motion)
         speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(times)
         k = int(np.argmax(speeds))
@@ -349,8 +349,8 @@ class MotionMonitor:
                 yield Violation(rule, times[moment], leg.by, text)
 
     def _pressed(self, leg: MotionRecord) -> Iterator[Violation]:
-        """The part in the gripper into the table, or a corner of it in a keep-out box, where a motion ends or on its
-        way, as long as it is in there."""
+        """Check the part in the gripper, as long as it is held, against the table, and its corners against the keep-out
+        boxes, on the path and at its end."""
         if self._carried is None:
             return
         motion = leg.motion
@@ -370,8 +370,8 @@ class MotionMonitor:
                 )
 
     def _deeper(self, rule: str, deep: Array) -> Array:
-        """(N, K) mm on a way -> the same, as far as it is deeper than where somebody else left it, up to where all came
-        clear; what did by the end is left there no longer."""
+        """(N, K) mm: how much deeper the arm is on a path than where somebody else left it; once all of it is clear,
+        the whole depth counts. A path that ends clear removes that allowance."""
         clear = np.logical_or.accumulate(deep.max(axis=1, initial=-np.inf) <= 0.0)
         deeper: Array = deep - np.where(clear, 0.0, self._left_mm.get(rule, 0.0))[:, None]
         if clear[-1]:
@@ -379,14 +379,14 @@ class MotionMonitor:
         return deeper
 
     def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
-        """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""
+        """By rule, mm: how deep the body violates a limit at the end of a motion; only violated rules."""
         at_rest = np.array([leg.motion.ends_s])
         depths = {**self._depths(self._body.at(leg.motion, at_rest)[0]), **self._carried_depths(leg.motion, at_rest)}
         deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in depths.items()}
         return {rule: deep for rule, deep in deepest.items() if deep > 0.0}
 
     def _depths(self, balls: Array) -> dict[str, Array]:
-        """(N, K, 3) -> by rule, (N, K) mm: how deep each ball is where it must not be; negative: how far from there."""
+        """(N, K, 3) -> by rule, (N, K) mm: how deep each ball violates a limit; negative: its distance from it."""
         room, radii = self._safety.room, self._body.radii_mm
         low, high = balls - radii[:, None], balls + radii[:, None]
         depths = {"below the table": self._table.height_mm - low[..., 2]}
@@ -396,7 +396,7 @@ class MotionMonitor:
         return depths
 
     def _carried_depths(self, motion: Motion, times: Array) -> dict[str, Array]:
-        """By rule, (N, K) mm: as `_depths`, of the corners of the part in the gripper; none where it holds none."""
+        """By rule, (N, K) mm: like `_depths`, for the corners of the part in the gripper; empty without a part."""
         if self._carried is None:
             return {}
         corners = self._body.carried(motion, times, self._carried.corners_mm)
@@ -406,7 +406,7 @@ class MotionMonitor:
         return depths
 
     def _way(self, motion: Motion) -> tuple[Array, Array, Array]:
-        """Times (N,), balls (N, K, 3), tool (N, 3); N >= 2, as dense as APART_MM says."""
+        """The sampled path: times (N,), balls (N, K, 3), tool (N, 3); N >= 2, as dense as APART_MM requires."""
         count = max(2, ceil((motion.ends_s - motion.started_s) / SAMPLE_S) + 1)
         times = np.linspace(motion.started_s, max(motion.ends_s, motion.started_s + SHORTEST_S), count)
         balls, tools = self._body.at(motion, times)
@@ -431,7 +431,7 @@ class MotionMonitor:
 
 
 def _distance(points: Array, box: Box) -> Array:
-    """(..., 3) mm -> (...) mm from the box; inside negative, how far it is to the nearest side."""
+    """(..., 3) mm -> (...) mm: the signed distance from the box; negative inside (to the nearest side)."""
     outside = np.maximum(np.array(box.low_mm) - points, points - np.array(box.high_mm))
-    beside = np.linalg.norm(np.maximum(outside, 0.0), axis=-1)
-    return np.asarray(beside + np.minimum(outside.max(axis=-1), 0.0))
+    distance = np.linalg.norm(np.maximum(outside, 0.0), axis=-1)
+    return np.asarray(distance + np.minimum(outside.max(axis=-1), 0.0))

@@ -144,8 +144,8 @@ def _clearness(
     to_beat: float,
 ) -> float:
     """Quality of a view, 0 to 1: facets turned to both cameras, clear steps at every edge, no edge along the baseline;
-    0 for another view than the wanted one (None: any). A view that is not better than to_beat by what is quickly
-    computed gets no more than that, and its light is not computed."""
+    0 for another view than the wanted one (None: any). If the quickly computed terms are not better than to_beat, the
+    light is not computed, and the result is at most to_beat."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T

@@ -35,7 +35,7 @@ def cup_rods(cup: SuctionTruth) -> list[Rod]:
 
 @lru_cache(maxsize=4)
 def cup_solids(cup: SuctionTruth) -> tuple[ConvexSolid, ConvexSolid]:
-    """What does not give: cup and tube, and the palm behind them."""
+    """The rigid bodies: cup with tube, and the palm."""
     half = PALM_MM / 2
     back = -cup.length_mm
     tube = _round(cup.radius_mm, back, -cup.lip_mm)
@@ -81,8 +81,8 @@ def suck(shape: PartShape, tool_from_part: Array, cup: SuctionTruth) -> Grip | N
 
 
 def holds(shape: PartShape, tool_from_part: Array, down: Array, cup: SuctionTruth) -> str:
-    """Why the vacuum does not hold a tight part as the tool is turned; empty where it does. down (3,): the way things
-    fall, tool frame."""
+    """Why the vacuum does not hold a tight part at this orientation of the tool; empty where it does. down (3,): the
+    direction of gravity, tool frame."""
     force_n = cup.vacuum_bar * BAR_N_MM2 * np.pi * cup.radius_mm**2
     weight_n = _volume(shape) * 1e-6 * cup.density_g_cm3 * GRAVITY_M_S2
     pulled_n, along_n = weight_n * max(float(down[2]), 0.0), weight_n * float(np.hypot(down[0], down[1]))
@@ -112,7 +112,7 @@ def _surface(shape: PartShape) -> Array:
 
 
 def _met(points: Array, triangles: Array) -> Array:
-    """(P,) z at which lines along z through points (P, 2) meet the surface first, from behind the lip; inf: nowhere."""
+    """(P,): z at which lines along z through points (P, 2), coming from the lip, first meet the surface; inf: never."""
     a, b, c = (triangles[:, k, :2] for k in range(3))
     area = _cross(b - a, c - a)
     flat: NDArray[np.bool_] = np.abs(area) > 1e-9

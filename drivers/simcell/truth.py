@@ -236,10 +236,10 @@ class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; mounted: which of the two is on the
-    arm at first, where the cell has both; flange_from_lip: the cup's TCP then, where it is not the arm's; fixture:
-    boxes that stand on the table, seen by the cameras, and that nothing may strike; tool_from_cyclopean: of cameras on
-    the hand; world_from_cyclopean: of fixed ones."""
+    """The whole file. suction: a suction gripper, instead of or besides the jaws of `gripper`; mounted: which of the
+    two is mounted at first, if the cell has both; flange_from_lip: the cup's TCP in that case, if it is not the arm's;
+    fixture: boxes on the table that the cameras see and that nothing may touch; tool_from_cyclopean: for cameras on
+    the arm; world_from_cyclopean: for fixed ones."""
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]

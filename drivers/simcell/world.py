@@ -200,7 +200,7 @@ class World:
             return holds(held.shape, held.pose, -world_from_tool[2, :3], cup)
 
     def lose(self, world_from_tool: Array) -> tuple[str, float, PartPlace] | None:
-        """What the gripper holds falls, though nobody opened it. Returns as open_hand does."""
+        """Drop the held part although the gripper was not opened. Returns what open_hand returns."""
         with self._lock:
             return self._drop(self.held, world_from_tool) if self.held else None
 

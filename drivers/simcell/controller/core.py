@@ -37,7 +37,7 @@ MESSAGES = {
 
 @dataclass(frozen=True)
 class TypedLine:
-    """A complete line: when the controller had all of it, and whether somebody beside the daemon ended it."""
+    """A complete line: when the controller had all of it, and whether somebody other than the daemon ended it."""
 
     text: str
     given_s: float
@@ -85,8 +85,8 @@ class Controller:
     # The line
 
     def receive(self, data: bytes, now_s: float, theirs: bool = False) -> None:
-        """Receive typed bytes. theirs: from somebody beside the daemon, as whose counts a line that one of them ends,
-        whatever the line made of it."""
+        """Receive typed bytes. theirs: somebody other than the daemon typed them; a line that such a byte ends counts
+        as theirs, even if noise changed it."""
         self.tick(now_s)
         if not self.machine.alive:
             return

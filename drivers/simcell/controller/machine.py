@@ -48,8 +48,8 @@ class Machine:
         self._zero_found_s = 0.0
         """End of CAL's motion."""
         self.by, self.given_s, self.theirs = "", float("-inf"), False
-        """The last command line, its time and whether somebody beside the daemon ended it: recorded as the cause of
-        what follows."""
+        """The last command line, its time, and whether somebody other than the daemon ended it: recorded as the cause
+        of what follows."""
         self.printed_place: list[str] = []
         """The output of the last WHERE."""
         self.history = History()
