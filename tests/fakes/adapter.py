@@ -27,7 +27,7 @@ LOOK_S = 0.05
 
 
 class Adapter:
-    """Carries bytes between a terminal of its own, which `name` points to, and the controller's port."""
+    """Forwards bytes between its own terminal, to which `name` points, and the controller's port."""
 
     def __init__(self, far: str, name: Path) -> None:
         self._far = os.open(far, os.O_RDWR | os.O_NOCTTY)
@@ -43,7 +43,7 @@ class Adapter:
         threading.Thread(target=self._carry, daemon=True).start()
 
     def plug(self) -> None:
-        """In, as a device of another name than before."""
+        """Plug in, as a device with another name than before."""
         refused = []
         while os.ttyname((near := os.openpty())[1]) == self._was:
             refused.append(near)
@@ -54,7 +54,7 @@ class Adapter:
         self._name.symlink_to(self._was)
 
     def pull(self) -> None:
-        """Out: whoever has it open is told, and what the controller says is heard by nobody."""
+        """Pull out: a program that has it open gets an error, and the controller's output is lost."""
         self._name.unlink()
         with self._ends:
             near, self._near = self._near, None
@@ -105,7 +105,7 @@ def _obey(orders: Path, adapter: Adapter) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """facetd behind an adapter."""
+    """Run facetd with an adapter between it and its controller."""
     from daemon import main as program
     from daemon.cell import own_cells, simulated_cell
 

@@ -32,19 +32,19 @@ class ArmLine:
         clock: Callable[[], float] = time.monotonic,
         open_port: OpenPort | None = None,
     ) -> None:
-        """clock, open_port: of the links (None: Link's own)."""
+        """clock, open_port: for the links (None: Link's defaults)."""
         self.server, self.faults, self.hand = server, faults, hand
         self._clock, self._opens = clock, {} if open_port is None else {"open_port": open_port}
         self.records: list[dict[str, Any]] = []
 
     def closed_link(self, dialect: Dialect, **more: Any) -> Link:
-        """One that is not open yet. more: of Link's arguments."""
+        """A link that is not open yet. more: further arguments of Link."""
         opens: Any = self._opens
         return Link(self.server.port, dialect, self._clock, self.records.append, **opens, **more)
 
     @asynccontextmanager
     async def link(self, dialect: Dialect | None = None) -> AsyncIterator[Link]:
-        """An open link; closed afterwards, and no task left behind."""
+        """Context: an open link; afterwards it is closed, and no task may be left."""
         link = self.closed_link(dialect or QUICK)
         await link.open()
         try:
@@ -64,7 +64,7 @@ class ArmLine:
 
 
 class ScaledLoop:
-    """A loop on whose clock a controller lives so many times as fast."""
+    """An event loop whose clock runs a controller faster by a factor."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, scale: float) -> None:
         self._loop, self._scale = loop, scale
@@ -98,4 +98,4 @@ def line_in_time(
 
 
 MakesLine = Callable[..., ArmLine]
-"""What the fixtures `arm_line` and `timed_line` give: a controller as its manners say, on a line of its own."""
+"""The type of the fixtures `arm_line` and `timed_line`: makes a controller with given manners on its own line."""

@@ -18,7 +18,7 @@ from daemon.vision.geometry import Camera
 
 BOARD = Board(9, 6, 10.0)
 PX_A_SQUARE = 240
-"""Resolution of the drawing: usual marker widths and their modules are whole pixels in it."""
+"""Resolution of the drawing, in which usual marker widths and their modules are whole pixels."""
 WHITE, BLACK, AROUND = 215.0, 25.0, 150.0
 
 
@@ -56,7 +56,7 @@ class Painter:
     rays: int = 3
 
     def picture(self, cyclopean_from_board: Array, rng: np.random.Generator) -> np.ndarray:
-        """(height, width) uint8, lit a little unevenly."""
+        """An image (height, width) uint8 of the board, lit a little unevenly."""
         width, height = self.image_size
         image = np.full((height, width), AROUND, np.float32)
         (left, top), (right, bottom) = self._window(cyclopean_from_board)
@@ -71,7 +71,7 @@ class Painter:
         return np.clip(np.round(image + rng.normal(0, self.noise, image.shape)), 0, 255).astype(np.uint8)
 
     def _window(self, cyclopean_from_board: Array) -> tuple[Array, Array]:
-        """Whole pixels (2,), (2,) between which all of the board and its rim lies."""
+        """The pixel bounds (2,), (2,) of the board with its rim."""
         x, y = (self.board.square_mm * np.array([-2.0, n + 1.0]) for n in (self.board.columns, self.board.rows))
         rim = [[a, b, 0.0] for a in np.linspace(*x, 9) for b in np.linspace(*y, 9)]
         px = self.camera.project(frames.apply(cyclopean_from_board, np.array(rim)))
@@ -90,7 +90,7 @@ class Painter:
 
 
 def tilted(board: Board, rng: np.random.Generator, distance_mm: float, aside_mm: float = 25.0) -> Array:
-    """cyclopean_from_board (4, 4) of the board held before the cameras, turned up to some 30 degrees."""
+    """cyclopean_from_board (4, 4) of a board in front of the cameras, tilted by up to about 30 degrees."""
     centre = np.append(board.points_mm()[:, :2].mean(axis=0), 0.0)
     turn = frames.rotation_from_vector(rng.uniform(-0.5, 0.5, 3))
     place = np.array([*rng.uniform(-aside_mm, aside_mm, 2), distance_mm])

@@ -14,7 +14,7 @@ from daemon.events.records import SCHEMA
 FIELDS: Mapping[str, frozenset[str]] = {
     kind: frozenset(field.encode_name for field in msgspec.structs.fields(shape)) for kind, shape in SCHEMA.items()
 }
-"""The names that a kind's fields have in a line."""
+"""The names of a kind's fields in a line of the log."""
 CODES = {
     "fault": frozenset(CauseCode),
     "decision": frozenset({*DecisionCode, *CauseCode}),
@@ -23,7 +23,7 @@ CODES = {
 
 
 def checked(kind: str, fields: Mapping[str, Any]) -> None:
-    """Fails where a kind, a field, a code or an outcome is not of the schema: it would be read by nobody."""
+    """Check that kind, fields, code and outcome are in the schema; no reader uses others. Raises AssertionError."""
     assert kind in FIELDS, f"a record of a kind that the schema does not have: {kind}"
     unknown = set(fields) - FIELDS[kind]
     assert not unknown, f"{kind}: fields that the schema does not have: {sorted(unknown)}"

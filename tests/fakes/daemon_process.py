@@ -1,4 +1,4 @@
-"""facetd as a process of its own, of a simulated cell in a folder of its own."""
+"""Run facetd as a separate process with a simulated cell in its own folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[2:]])"""
 
 
 class Daemon:
-    """A facetd process in a folder of its own, with somebody listening to its sd_notify."""
+    """A facetd process in its own folder, with a receiver of its sd_notify messages."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Daemon:
         )
 
     def hears(self, text: str) -> str:
-        """Wait for a notification that holds text."""
+        """Wait for a notification that contains a text."""
         while True:
             note = self.notes.recv(4096).decode()
             if text in note:

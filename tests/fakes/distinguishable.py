@@ -21,19 +21,19 @@ FINE_MM = STEP_MM / COARSE
 TELLS_MM = 16.0
 """So much edge at least, of both eyes, shows in one of the two and not in the other, where they can be told apart."""
 APART_PX = 1.5
-"""Edges nearer than this are one."""
+"""Edges nearer than this count as the same edge."""
 FIT_MM = 6.0
-"""How badly a facet of the other may fit one in view, rms, to be laid on it."""
+"""The largest rms distance at which a facet of the other part is placed on a visible one."""
 NEAR_MM, ROUNDS = 10.0, 3
 APART_MM = 2.0
 MOST = 24
 """So many ways are looked at: corners that are nearer than APART_MM are one, and ways with few others come first."""
 SKIN_MM = 0.3
-"""How far before a point of the surface sight must be free."""
+"""Least free distance in front of a visible surface point."""
 
 
 def telling_mm(shape: PartShape, other: PartShape, cyclopean_from_part: Array) -> float:
-    """mm of edge, of both eyes, by which the part differs from the other as it is most like it."""
+    """The length of edges, mm in both images, by which a part differs from the other in its most similar pose."""
     eyes = [cell().left.lens(), cell().right.lens()]
     coarse, fine = (
         [_seen(shape, _edge_points(shape, step_mm), cyclopean_from_part, eye) for eye in eyes]
@@ -52,7 +52,7 @@ def telling_mm(shape: PartShape, other: PartShape, cyclopean_from_part: Array) -
 
 
 def _alone(points: Array, others: Array) -> int:
-    """How many of some points (N, 2) px have none of the others (M, 2) near."""
+    """How many points (N, 2) px have none of the others (M, 2) near them."""
     if not len(points) or not len(others):
         return len(points)
     away = (points**2).sum(1)[:, None] + (others**2).sum(1) - 2 * points @ others.T
@@ -60,7 +60,7 @@ def _alone(points: Array, others: Array) -> int:
 
 
 def _seen(shape: PartShape, on_edges: Array, pose: Array, eye: LensCamera) -> Array:
-    """(N, 2) px of those points (K, 3) of the part's edges that the eye sees."""
+    """(N, 2) px: the points (K, 3) of the part's edges that the camera sees."""
     points = apply(pose, on_edges)
     centre = eye.cyclopean_from_camera[:3, 3]
     way = centre - points
@@ -72,7 +72,7 @@ def _seen(shape: PartShape, on_edges: Array, pose: Array, eye: LensCamera) -> Ar
 
 
 def _edge_points(shape: PartShape, step_mm: float) -> Array:
-    """(N, 3) along the edges of the pieces, without the seams between pieces."""
+    """(N, 3): points along the edges of the pieces, without the seams between pieces."""
     found = []
     for piece in shape.pieces:
         others = [other for other in shape.pieces if other is not piece]
@@ -86,7 +86,7 @@ def _edge_points(shape: PartShape, step_mm: float) -> Array:
 
 
 def _smooth(piece: ConvexSolid, edge: tuple[int, int], points: Array, others: list[ConvexSolid]) -> Flags:
-    """Which points of a piece's edge lie where the surface goes on flat, as another piece goes on there."""
+    """Which points of a piece's edge are on a seam, where another piece continues the surface flat."""
     smooth = np.zeros(len(points), bool)
     normals = [n for f, n in zip(piece.faces, piece.normals, strict=True) if edge[0] in f and edge[1] in f]
     for other in others:
@@ -100,7 +100,7 @@ def _smooth(piece: ConvexSolid, edge: tuple[int, int], points: Array, others: li
 
 
 def hides(piece: ConvexSolid, pose: Array, start: Array, centre: Array) -> Flags:
-    """(N,) whether the convex piece lies between points (N, 3) and the eye at centre (3,)."""
+    """(N,): whether the convex piece is between points (N, 3) and the camera at centre (3,)."""
     back = inverse(pose)
     a, b = apply(back, start), apply(back, centre)
     fall = (b - a) @ piece.normals.T
@@ -144,7 +144,7 @@ def _laid(shape: PartShape, other: PartShape, pose: Array) -> list[Array]:
 
 
 def _drawn_to(way: Array, theirs: Array, mine: Array) -> Array:
-    """A way (4, 4) after its corners were fitted to those they came near to."""
+    """A pose (4, 4) after its corners were aligned with the nearest ones."""
     for _ in range(ROUNDS):
         away = np.linalg.norm(apply(way, theirs)[:, None] - mine, axis=2)
         near = away.min(1) < NEAR_MM

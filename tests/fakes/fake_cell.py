@@ -58,7 +58,7 @@ def shape_of(label: str) -> Polyhedron:
 
 
 NOISE = [np.random.default_rng(k).normal(100.0, 2.0, (480, 640)).astype(np.uint8) for k in range(5)]
-"""Empty images; an odd number, so that no camera gives the same one twice running."""
+"""Empty images; an odd number, so that no camera returns the same one twice in a row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +72,9 @@ class FakePair:
     left: FakePicture
     right: FakePicture
     of: Any = None
-    """The world it was taken in."""
+    """The world in which the image was taken."""
     held: str | None = None
-    """What was in its gripper then."""
+    """The part in the gripper at that time."""
 
 
 @dataclass(eq=False)
@@ -105,7 +105,7 @@ class World:
     light: tuple[float, float] = (1.0, 1.0)
 
     def put(self, label: str, x: float, y: float, turn: float, rest: int = 0) -> None:
-        """Lay a part on the table."""
+        """Place a part on the table."""
         lies = parts.part_shape(label).rests[rest]
         spin = frames.rigid(frames.rotation_from_vector(np.array([0, 0, turn])), np.array([x, y, -300.0]))
         self.lying[label] = spin @ lies
@@ -145,7 +145,7 @@ class FakeRobot:
         self._before: np.ndarray | None = None
 
     def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
-        """Where they are, turned on from where they were."""
+        """The present joints, nearest to the previous ones."""
         here = joints(world_from_tool, self._before)
         if np.isfinite(here).all():
             self._before = here
@@ -233,7 +233,7 @@ class FakeRobot:
 
 
 class FakeEyes:
-    """Pairs of the same grey ground, each with another noise: always settled, and without an edge."""
+    """Cameras that return grey pairs with different noise: always settled, and without an edge."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -260,7 +260,7 @@ class FakeEyes:
 
 
 class TruthRecogniser:
-    """Sees the truth: every facet turned to the cameras, corners with the noise a stereo pair would have."""
+    """A recogniser that reports the truth: every facet that faces the cameras, with a stereo pair's corner noise."""
 
     def __init__(self, world: World, labels: tuple[str, ...] = parts.TAUGHT) -> None:
         self.world, self.labels = world, labels
@@ -320,7 +320,7 @@ class TruthRecogniser:
 
 
 def truly_in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> bool:
-    """What a look at the gripper shows: of a fake cell the truth, whose pictures show nothing."""
+    """The result of a look at the gripper: the truth, because a fake cell's images are empty."""
     world: Any = getattr(taken.pictures, "of", None)
     if world is None:
         return in_hand(target, taken, mount, doubt)
@@ -328,7 +328,7 @@ def truly_in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt
 
 
 def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, doubt: Doubt) -> bool:
-    """The same of two looks, the gripper opened between them."""
+    """The result of two looks, between which the gripper opened: the truth."""
     pairs: list[Any] = [before.pictures, after.pictures]
     if getattr(pairs[0], "of", None) is None:
         return left_hand(target, before, after, mount, doubt)
@@ -341,26 +341,26 @@ set_down.in_hand = truly_in_hand
 
 
 def build(world: World) -> Workcell:
-    """The workcell of this world."""
+    """The Workcell of this world."""
     eyes, mounting = FakeEyes(world), ON_HAND if world.fixed is None else InWorld(world.fixed, HEAD_DOWN, TABLE_MM)
     return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), mounting, asyncio.to_thread)
 
 
 def permitted(mover: Mover) -> Mover:
-    """One that may move."""
+    """A motion permit that permits motion."""
     mover.permit.grant(Grant.ALL)
     return mover
 
 
 def cycle_of(world: World, settings: Settings | None = None) -> PickCycle:
-    """A cycle that works in this world, enabled."""
+    """An enabled pick cycle in this world."""
     cycle = PickCycle(build(world), settings or Settings(), TruthRecogniser(world))
     cycle.supervisor.enable()
     return cycle
 
 
 def one_part(label: str = "cube", seed: int = 0) -> World:
-    """A world with one part where the arm reaches it well."""
+    """A world with one part that the arm reaches well."""
     world = World(np.random.default_rng(seed))
     world.put(label, 520, 0, 0.4)
     return world

@@ -38,7 +38,7 @@ def _waiting(text: str) -> Waiting:
 
 @dataclass
 class FakeCycle:
-    """Says yes to everything and keeps count; `doing` until released when told to be slow."""
+    """A cycle that accepts every call and counts it; if it is slow, `doing` stays set until it is released."""
 
     told: list[str] = field(default_factory=list)
     fault: str | None = None
@@ -66,22 +66,22 @@ class FakeCycle:
 
     @property
     def belief(self) -> CellBelief:
-        """What the gripper holds, as an operator says."""
+        """The belief about the gripper that an operator reported."""
         return CellBelief(holding=None if self.held is None else Belief(self.held, BeliefSource.OPERATOR, 0.0))
 
     @property
     def supervisor(self) -> FakeCycle:
-        """Who has the arm: told the same."""
+        """The supervisor: this fake itself."""
         return self
 
     @property
     def hold(self) -> FakeCycle:
-        """What holds its moves: told the same."""
+        """The hold: this fake itself."""
         return self
 
     @property
     def waiting(self) -> Any:
-        """The move that waits: the same one as long as its words are."""
+        """The move that waits; it stays the same object while its text is the same."""
         return None if self.pending is None else _waiting(self.pending)
 
     def status(self) -> dict[str, Any]:
@@ -134,7 +134,7 @@ class FakeCycle:
             raise RefusedError("stopped again")
 
     def not_while_stopping(self, word: str, busy: bool = False) -> None:
-        """No stop of this one takes time."""
+        """Refuse nothing: stops of this fake take no time."""
 
     async def prove_stop(self) -> None:
         if self.stop_refused_with:
@@ -146,7 +146,7 @@ class FakeCycle:
         self.told.append("enable" if grant is Grant.ALL else f"enable {grant}")
 
     def between_jobs(self, what: str) -> None:
-        """Nothing is being done here for long."""
+        """Refuse nothing: this fake has no long jobs."""
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         if stops not in (None, self.stops):
@@ -226,7 +226,7 @@ class FakeFrontend:
 
 
 def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
-    """A CommandContext as far as commands look at it."""
+    """A CommandContext with everything that commands use."""
     trainer = SimpleNamespace(
         parts={"cube": None, "pyramid": None},
         model=SimpleNamespace(labels=("cube",), metric={}),

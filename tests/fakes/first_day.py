@@ -33,7 +33,7 @@ ETC = Path(__file__).resolve().parents[2] / "etc"
 READY_DEG = (0.0, 60.0, -150.0, 0.0, -40.0, 0.0)
 """Elbow and wrist bent, clear of everything."""
 INTRODUCED_AT, PICKED_AT = 1.0, 20.0
-"""How much faster than life the cell is while a stop is being tried by the clock, and afterwards."""
+"""How much faster than real time the cell runs: while the stop is tested in real time, and afterwards."""
 PANEL_S = 2.0
 INTRODUCING_S, DAY_S = 1800.0, 3000.0
 """The longest that a first contact and all of commissioning take, on a slow and busy computer."""
@@ -68,7 +68,7 @@ def room_of(arm: ArmGeometry) -> Room:
 
 
 def hand_of(room: Room, rng: np.random.Generator) -> Array:
-    """flange_from_tool (4, 4) of a hand of about that length, turned a little about the flange."""
+    """flange_from_tool (4, 4) of a gripper of about that length, turned a little about the flange."""
     turn = float(rng.uniform(-0.4, 0.4))
     shift = np.array([*rng.uniform(-4.0, 4.0, 2), room.hand_mm + rng.uniform(0.0, 15.0)])
     return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn])), np.round(shift, 1))
@@ -112,7 +112,7 @@ def bin_mm(arm: ArmGeometry) -> Array:
 
 
 def configuration(arm: ArmGeometry, seed: int, file: str | None = None, hand: Array | None = None) -> dict[str, Any]:
-    """facetd.yaml of that cell. file: arm.yaml; hand: flange_from_tool as it was measured."""
+    """facetd.yaml of that cell. file: arm.yaml; hand: flange_from_tool as measured."""
     room, base = room_of(arm), arm.world_from_base[:3, 3]
     table = base + np.array([room.before_mm, 0.0, -room.below_mm])
     looked = {"centre_mm": table + np.array([0.0, 0.0, 20.0]), "distance_mm": room.look_mm}
@@ -143,7 +143,7 @@ def configuration(arm: ArmGeometry, seed: int, file: str | None = None, hand: Ar
 
 
 def plain(value: Any) -> Any:
-    """The same in what YAML has."""
+    """A value converted to YAML's types."""
     if isinstance(value, dict):
         return {name: plain(each) for name, each in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -152,13 +152,13 @@ def plain(value: Any) -> Any:
 
 
 def arm_yaml(arm: ArmGeometry) -> dict[str, Any]:
-    """arm.yaml of an arm that is known already."""
+    """arm.yaml of an arm that is already known."""
     names = ("a2_mm", "a3_mm", "d3_mm", "d4_mm", "world_from_base", "controller_flange")
     return plain({"version": 1, "geometry": {name: {"value": getattr(arm, name)} for name in names}})
 
 
 def lay_down(folder: Path, truth: dict[str, Any], configuration: dict[str, Any]) -> None:
-    """The cell's folder, as installed, with these two files."""
+    """Make the cell's folder, as installed, with these two files."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("calibration.yaml", "facets.yaml", "parts.yaml"):
         (folder / name).write_bytes((ETC / name).read_bytes())
@@ -170,7 +170,7 @@ def lay_down(folder: Path, truth: dict[str, Any], configuration: dict[str, Any])
 
 
 Drawing = tuple[float, float, float, float]
-"""An arm's lengths a2, a3, d3, d4 (mm) as its maker's drawing has them."""
+"""An arm's lengths a2, a3, d3, d4 (mm) from its maker's drawing."""
 
 
 def strange_cell(seed: int, drawing: Drawing | None = None) -> tuple[Strange, ArmGeometry]:
@@ -194,7 +194,7 @@ def strange_cell(seed: int, drawing: Drawing | None = None) -> tuple[Strange, Ar
 
 
 def limits_deg(strange: Strange) -> list[list[float]]:
-    """The joints' limits on the plate, counted as its controller counts."""
+    """The joint limits on the plate, in the controller's counting."""
     how = strange.manners
     ends = np.degrees(strange.geometry.limits_rad) - np.array(how.joint_zeros_deg)[:, None]
     limits: list[list[float]] = np.sort(ends * np.array(how.joint_signs)[:, None], axis=1).round(3).tolist()
@@ -203,7 +203,7 @@ def limits_deg(strange: Strange) -> list[list[float]]:
 
 @contextmanager
 def controller(folder: Path, time_scale: float) -> Iterator[Path]:
-    """The cell's controller on a serial port of its own."""
+    """The cell's controller on its own serial port."""
     port = folder / "port"
     options = {"pty": port, "truth": folder / "cell.yaml", "time-scale": time_scale}
     with at_work([word for name, value in options.items() for word in (f"--{name}", str(value))]):
@@ -212,7 +212,7 @@ def controller(folder: Path, time_scale: float) -> Iterator[Path]:
 
 @contextmanager
 def at_work(words: Sequence[str]) -> Iterator[None]:
-    """A controller in a process of its own, begun with these words, once its port is there."""
+    """Context: a controller in its own process, started with these arguments; yields once its port exists."""
     process = subprocess.Popen([sys.executable, "-m", "drivers.simcell.controller", *words], stdout=subprocess.PIPE)
     try:
         assert process.stdout is not None
@@ -232,20 +232,20 @@ ANSWERS = (
     (re.compile(r"\[more/enough\]"), "enough"),
     (re.compile(r"\(yes or no\)"), "yes"),
 )
-"""What somebody says who does what is asked for, as far as the cell is real enough to do it in."""
+"""The answers of a person who does what each question asks, as far as this cell allows it."""
 
 
 FOLDED = re.compile(r"\r?\n {2,}")
-"""Where a line that is longer than the terminal goes on."""
+"""The continuation of a line that is longer than the terminal."""
 
 
 def answer_to(asked: str) -> str | None:
-    """What such a person says to a question; None where nothing is asked."""
+    """The person's answer to a question; None where there is no question."""
     return next((answer for question, answer in ANSWERS if question.search(asked)), None)
 
 
 def lives_through(person: Person, within_s: float) -> str:
-    """Answer whatever is asked until facetctl ends; all that was on the screen."""
+    """Answer all questions until facetctl ends; returns the whole screen text."""
     deadline, seen, since = time.monotonic() + within_s, "", 0
     while time.monotonic() < deadline:
         seen += person.sees_for(0.2)
@@ -260,7 +260,7 @@ def lives_through(person: Person, within_s: float) -> str:
 
 
 def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, found: dict[str, Any]) -> None:
-    """What FIRST-DAY.md says to write after the first contact: the limits into arm.yaml, the cell into facetd.yaml."""
+    """Write what FIRST-DAY.md requires after the first contact: the limits into arm.yaml, the cell into facetd.yaml."""
     found["geometry"]["limits_deg"] = {"value": limits_deg(strange), "found": "the plate"}
     (folder / "first-day" / "arm.yaml").write_text(yaml.safe_dump(found, sort_keys=False))
     flange = np.array(found["geometry"]["controller_flange"]["value"])
@@ -270,7 +270,7 @@ def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, fo
 
 
 def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, drawing: Drawing | None = None) -> str:
-    """`facetctl arm identify`, and what FIRST-DAY.md says to write afterwards; what was on the screen."""
+    """Run `facetctl arm identify`, then write what FIRST-DAY.md requires; returns the screen text."""
     lay_down(folder, truth(arm, strange.manners, strange.joints_deg, strange.baud, strange.cold), {})
     with controller(folder, INTRODUCED_AT) as port:
         lengths = () if drawing is None else ("--lengths", ",".join(f"{length:g}" for length in drawing))
@@ -308,21 +308,21 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
 
 @dataclass(frozen=True)
 class Day:
-    """How one ended: what was on the screen, what the cell's motion monitor found, whether the part is in the bin."""
+    """The end of a first day: the screen text, the motion monitor's findings, whether the part is in the bin."""
 
     seen: str
     judged: tuple[str, ...]
 
     @property
     def wrong(self) -> str:
-        """What is not as it should be; nothing where a part was picked and nobody surprised."""
+        """Everything that went wrong; empty where a part was picked and the monitor found nothing."""
         if self.judged:
             return "; ".join(self.judged)
         return "" if "proven: picked: " in self.seen else self.seen[-1500:]
 
 
 def commissioned(folder: Path) -> Day:
-    """`facetd`, and `facetctl commission` beside it, with the files as they are in the folder."""
+    """Run `facetd` and `facetctl commission` with the files in the folder."""
     with daemon_in(folder, 30.0) as (daemon, reports):
         wait_until_ready(daemon, reports, print)
         seen = lives_through(Person(folder, "commission", "--keep", str(folder)), DAY_S)
@@ -331,7 +331,7 @@ def commissioned(folder: Path) -> Day:
 
 
 def first_day(folder: Path, seed: int, drawing: Drawing | None = None) -> Day:
-    """All of it, from a controller and an arm nobody knows to a part in the bin."""
+    """Run a whole first day, from an unknown controller and arm to a part in the bin."""
     strange, arm = strange_cell(seed, drawing)
     seen = introduced(folder, strange, arm, seed, drawing)
     day = commissioned(folder)

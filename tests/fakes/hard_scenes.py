@@ -43,13 +43,13 @@ KINDS: dict[str, tuple[tuple[int, int], bool, Print, bool]] = {
     "heap": ((3, 5), False, "bare", False),
     "all": ((3, 5), True, "edges", True),
 }
-"""How many parts, whether the table is patterned, what is on the parts, whether strangers are look-alikes."""
+"""Number of parts, whether the table is patterned, the print on the parts, whether unknown parts are look-alikes."""
 STRANGE = 0.4
-"""What share of parts was never taught."""
+"""The share of parts that were never taught."""
 INSET_MM, LINE_MM = (3.0, 9.0), (0.8, 2.5)
 """How far inside a face's sides print runs along them, and how wide its lines are."""
 RESIZED = (0.05, 0.10)
-"""By what share one size of a look-alike differs, and by 2.5 mm at least."""
+"""The share by which one size of a look-alike differs; at least 2.5 mm."""
 LEAST_MM = 2.5
 SAMPLES = 60
 CUT = ("box", "wedge", "frustum", "triangular_prism", "pentagonal_prism", "hexagonal_prism")
@@ -70,7 +70,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Staged:
-    """What both eyes see, and what is there."""
+    """The images of both cameras, and the true scene."""
 
     kind: str
     seed: int
@@ -80,7 +80,7 @@ class Staged:
 
 
 def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence[DrawnPart]) -> Staged:
-    """The scene of that kind and seed, of known parts and strangers; look-alikes are made from known ones."""
+    """The scene of a kind and seed, from known and unknown parts; look-alikes are made from known ones."""
     (least, most), patterned, ink, alikes = KINDS[kind]
     rng = np.random.default_rng([*kind.encode(), seed])
     shapes, strange, models = list[PartShape](), list[bool](), list[PartShape | None]()
@@ -121,7 +121,7 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
 
 
 def look_alike(part: DrawnPart, rng: np.random.Generator) -> PartShape:
-    """A part that was never taught and is much like one: one of its sizes is another, or one of its corners is cut."""
+    """A part that was never taught and resembles one that was: one size differs, or one corner is cut off."""
     draw, _ = FAMILIES[part.family]
     if part.family in CUT and rng.random() < 0.5:
         corners = draw(*part.sizes).corners
@@ -135,7 +135,7 @@ def look_alike(part: DrawnPart, rng: np.random.Generator) -> PartShape:
 
 
 def _named(one: PartShape, number: int) -> PartShape:
-    """A stranger under a name of its own in the scene."""
+    """An unknown part with a name that is unique in the scene."""
     return PartShape(f"stranger_{number}_{one.label}", one.pieces, one.hull, one.centre_of_mass, one.rests)
 
 

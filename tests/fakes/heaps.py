@@ -11,7 +11,7 @@ from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.world import World
 
 GAP_MM = 0.05
-"""Between parts that touch: what keeps them from being one to the last bit."""
+"""The gap between touching parts, so that rounding does not make them overlap."""
 
 
 def heap(world: World, labels: list[str], table_mm: Array, rng: np.random.Generator) -> None:
@@ -28,7 +28,7 @@ def heap(world: World, labels: list[str], table_mm: Array, rng: np.random.Genera
 
 
 def _pushed(shape: PartShape, pose: Array, way: Array, standing: list[tuple[PartShape, Array]]) -> Array:
-    """Where it is that is pushed in from far away until it touches."""
+    """The position of a part that is pushed in from far away until it touches."""
     near, far = 0.0, 400.0
     if not standing:
         return pose
@@ -43,7 +43,7 @@ def _pushed(shape: PartShape, pose: Array, way: Array, standing: list[tuple[Part
 
 
 def overlap(one: PartShape, its_pose: Array, other: PartShape, other_pose: Array) -> bool:
-    """Whether two parts lie in one another: no plane along a face or two edges has a piece of each on either hand."""
+    """Whether two parts overlap: no plane along a face or two edges separates their pieces."""
     return any(_meet(a, its_pose, b, other_pose) for a in one.pieces for b in other.pieces)
 
 
@@ -60,7 +60,7 @@ def _meet(a: Hull, pose_a: Array, b: Hull, pose_b: Array) -> bool:
 
 
 def _edges(solid: Hull) -> Array:
-    """(E, 3) directions."""
+    """(E, 3): directions of the edges."""
     return np.array(
         [solid.vertices[p] - solid.vertices[q] for f in solid.faces for p, q in zip(f, (*f[1:], f[0]), strict=True)]
     )

@@ -18,11 +18,11 @@ from tests.fakes.drawn import CUBE_RINGS, box, obj
 from tests.fakes.machined import drawing, shown_shape
 
 QUARTER = 12
-"""Corners of a rim in each quadrant about its middle."""
+"""The number of corners of a rim in each quadrant."""
 
 
 class Holed(NamedTuple):
-    """One of a pair: its drawing, its shape in the simulated cell."""
+    """One part of a pair: its drawing, and its shape in the simulated cell."""
 
     label: str
     drawing: Drawing
@@ -62,7 +62,7 @@ def holed_block(
 
 
 def _about(first: int, count: int, quarter: int, outer: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Triangles between a rim and the corners about it, anticlockwise as seen from where the rim is."""
+    """Triangles between a rim and the corners around it, anticlockwise as seen from the rim's side."""
     found: list[tuple[int, ...]] = []
     for k in range(count):
         after = (k + 1) % count
@@ -107,7 +107,7 @@ KINDS = ("bore", "place", "radius_20", "radius_10", "radius_5", "slot", "pocket"
 
 
 def holed_pair(kind: str, seed: int) -> tuple[Holed, Holed]:
-    """The pair of that kind and seed."""
+    """The pair of a kind and seed."""
     rng = np.random.default_rng([*kind.encode(), seed])
     found = []
     for label, (corners, rings) in zip("ab", _pair(kind)(rng), strict=True):

@@ -105,7 +105,7 @@ class Reader:
 
 
 def spoiled(content: bytes, chance: random.Random) -> bytes:
-    """The content with one to four things wrong."""
+    """The content with one to four defects."""
     for _ in range(chance.randint(1, 4)):
         content = chance.choice(SPOILINGS)(content, chance)
     return content[:200_000]
@@ -138,7 +138,7 @@ def _with_word(content: bytes, chance: random.Random) -> bytes:
 
 
 def _other_value(content: bytes, chance: random.Random) -> bytes:
-    """Where a line of it is JSON, a value of another type somewhere in it."""
+    """The content with a value of another type somewhere in one of its JSON lines."""
     lines = content.split(b"\n")
     at = chance.randrange(len(lines))
     try:
@@ -189,7 +189,7 @@ def _models() -> tuple[bytes, ...]:
 
 
 def _stored(archive: bytes) -> bytes:
-    """The same members, not packed: spoiling then reaches what is in them."""
+    """The archive with its members uncompressed, so that defects reach their content."""
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(archive)) as before, zipfile.ZipFile(out, "w") as after:
         for name in before.namelist():
@@ -205,7 +205,7 @@ def _pictures() -> tuple[bytes, ...]:
 
 
 def claiming(side: int) -> bytes:
-    """A PNG that says it is so large, and holds a few bytes."""
+    """A PNG whose header claims this size but that holds a few bytes."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
@@ -303,7 +303,7 @@ def _typed(content: bytes, _: Path) -> object:
 
 @cache
 def _model_parts() -> tuple[dict[str, Any], Arrays]:
-    """A model of two views: its header without a checksum, and its arrays."""
+    """A model of two views: its header without the checksum, and its arrays."""
     model = empty_model(load_facets())
     chance = np.random.default_rng(1)
     for label, body in (("cube", CUBE), ("pyramid", PYRAMID)):
@@ -314,7 +314,7 @@ def _model_parts() -> tuple[dict[str, Any], Arrays]:
 
 
 def fitting(header: dict[str, Any], arrays: Arrays) -> bytes:
-    """A model's file whose checksum fits whatever is in it. Raises where the header is none."""
+    """A model file whose checksum matches its content. Raises where the header is invalid."""
     told = header | {"sha256": _checksum(header, arrays)}
     return pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})
 
@@ -377,7 +377,7 @@ READERS = (
 
 
 def attack(reader: Reader, seed: int, count: int, folder: Path) -> Iterator[tuple[bytes, Exception]]:
-    """So many inputs from a seed; each that is answered otherwise than by a value or a named error."""
+    """Try many inputs from a seed; returns each that caused anything but a value or a named error."""
     chance = random.Random(f"{reader.name} {seed}")
     valid = reader.valid()
     for _ in range(count):

@@ -9,7 +9,7 @@ from drivers.val2.wire import ControllerQuestion, LineEvent, Prompt, Reader
 
 
 def replay(records: Iterable[Record], echo: bool = True) -> list[LineEvent]:
-    """Read every incoming record's bytes again: the events today's protocol makes of them.
+    """Parse every incoming record's bytes again; returns the events of today's protocol.
 
     echo: whether that controller echoed what was typed. The replay is faithful when `what_was_heard` names
     the same.
@@ -33,12 +33,12 @@ def replay(records: Iterable[Record], echo: bool = True) -> list[LineEvent]:
 
 
 def what_was_heard(records: Iterable[Record]) -> list[tuple[str, bytes]]:
-    """The kinds of event, and their bytes, that were heard then."""
+    """The kinds of events, and their bytes, that were recorded."""
     return [(str(r["what"]), _bytes(r)) for r in records if r["way"] == "in"]
 
 
 def what_was_read(events: Iterable[LineEvent]) -> list[tuple[str, bytes]]:
-    """Kinds of event, and their bytes."""
+    """The kinds of events, and their bytes."""
     return [(event.what, event.raw) for event in events]
 
 
@@ -54,7 +54,7 @@ def _line_from(records: Iterable[Record]) -> bytes:
 
 
 def _is_typed(data: bytes) -> bool:
-    """Whether these are characters of a command line, not a line end or what cancels one."""
+    """Whether these are characters of a command line, not a line end or a cancel key."""
     return all(0x20 <= byte <= 0x7E for byte in data)
 
 

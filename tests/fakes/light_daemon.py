@@ -45,24 +45,24 @@ arm: {port: /dev/arm}
 log: {quota_mb: 20, keep_free_mb: 0, roll_mb: 2, sync_s: 60}
 """
 SMALL = 8
-"""Of so many pixels each way one is kept: the log is to be filled by many looks, not by large ones."""
+"""The images' scale factor: the log must be filled by many looks, not by large ones."""
 T = TypeVar("T")
 
 
 @dataclass(eq=False)
 class TimedWorld(World):
-    """One whose clock runs on while nobody acts."""
+    """A world whose clock also runs while nothing acts."""
 
     time_s: Callable[[], float] = lambda: 0.0
 
     def clock(self) -> float:
-        """As World's, or the simulated time where that is later."""
+        """World's clock, or simulated time if that is later."""
         self.now_s = max(self.now_s + 1e-6, self.time_s())
         return self.now_s
 
 
 class Robot(FakeRobot):
-    """What the service and the watch ask of an arm besides."""
+    """A fake robot with the further members that service and watchdog use."""
 
     controller = None
     links = ARM_LINKS
@@ -78,7 +78,7 @@ class Robot(FakeRobot):
 
 
 class Eyes(FakeEyes):
-    """What the service and the watch ask of cameras besides."""
+    """Fake cameras with the further members that service and watchdog use."""
 
     alone = None
     heard_s: float | None = None
@@ -97,14 +97,14 @@ class Eyes(FakeEyes):
         return replace(pair, left=small[0], right=small[1])
 
     async def use(self, alone: str | None) -> None:
-        """Both are there, always."""
+        """Do nothing: both cameras always work."""
 
     def step(self) -> bool:
-        """They are no recorded ones."""
+        """False: the cameras are not recorded."""
         return False
 
     def describe(self) -> str:
-        """For people."""
+        """A name for people."""
         return "made-up eyes"
 
 
@@ -122,7 +122,7 @@ class Sees(TruthRecogniser):
 
 @dataclass(frozen=True)
 class Held:
-    """What a process holds, and what lies in a folder: nothing of it may grow with what was done."""
+    """The resources of a process and the files of a folder; none may grow with the work done."""
 
     resident_mib: float
     objects: int
@@ -150,7 +150,7 @@ class Held:
 
 
 class Wall(dates.datetime):
-    """`datetime.now` by the clock that is set here."""
+    """A `datetime` whose `now` uses the wall clock that tests set."""
 
     @classmethod
     def now(cls, tz: dates.tzinfo | None = None) -> Any:
@@ -168,7 +168,7 @@ class LightDaemon:
     set_by_s: float = 0.0
     config: str = CONFIG
     told: list[tuple[str, str]] = field(default_factory=list)
-    """What the journal was told: kind and text."""
+    """The journal's messages: kind and text."""
 
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -183,16 +183,16 @@ class LightDaemon:
 
     @property
     def runs(self) -> Path:
-        """Where its run folders are."""
+        """The folder of its runs."""
         return self.folder / "state" / "runs"
 
     @property
     def now_s(self) -> float:
-        """What the clock on the wall says, s since 1970."""
+        """The wall clock, s since 1970."""
         return self.began_s + self.set_by_s + self.loop.time()
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Do something in its time."""
+        """Run a coroutine in simulated time."""
         return self.loop.run_until_complete(work)
 
     async def start(self) -> None:
@@ -208,14 +208,14 @@ class LightDaemon:
         self.service.context.cycle.use(Sees(self.world))  # type: ignore[arg-type]
 
     async def stop(self) -> int:
-        """As SIGTERM does; the exit status."""
+        """Stop the daemon as SIGTERM does; returns the exit status."""
         assert self.service is not None
         assert self._live is not None
         self.service.end("signal SIGTERM")
         return await self._live
 
     async def do(self, text: str, timeout_s: float = 3600.0) -> dict[str, Any]:
-        """Say one command at the socket, as an operator who hangs up afterwards."""
+        """Send one command to the socket, as an operator who disconnects afterwards."""
         reader, writer = await asyncio.open_unix_connection(self.folder / "facetd.sock")
         writer.write(json.dumps({"do": text, "door": "bench"}).encode() + b"\n")
         async with asyncio.timeout(timeout_s):
@@ -227,7 +227,7 @@ class LightDaemon:
         return done
 
     def held(self) -> Held:
-        """What it holds now."""
+        """The resources that the process holds now."""
         return Held.now(self.folder, len(asyncio.all_tasks(self.loop)))
 
     def _build(self, config: Config, on_wire: Any, record: Any) -> build_room.Hardware:
@@ -239,7 +239,7 @@ class LightDaemon:
 
 
 def _small_calibration() -> str:
-    """That of etc/, for as few pixels."""
+    """The calibration of etc/, for the small images."""
     eyes = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
     eyes["image_size"] = [n // SMALL for n in eyes["image_size"]]
     for eye in (eyes["left"], eyes["right"]):
@@ -251,7 +251,7 @@ def _small_calibration() -> str:
 
 @contextmanager
 def light_daemon(folder: Path, began_s: float = 1.8e9, config: str = CONFIG) -> Iterator[LightDaemon]:
-    """One whose clocks are everybody's here until it is done with."""
+    """Context: a LightDaemon; all modules of this process use its clocks meanwhile."""
     daemon = LightDaemon(folder, began_s, config=config)
     patches = [
         patch.object(time, "monotonic", daemon.loop.time),

@@ -28,7 +28,7 @@ class Limit:
 
     @property
     def ratio(self) -> float:
-        """Seen over possible: near 1 the images are used up; far above it the calibration (or the model) is off."""
+        """Measured over possible noise: near 1 the images are fully used; far above it, calibration or model is off."""
         return self.seen_px / self.bound_px if self.bound_px > 0 else float("nan")
 
 
@@ -54,7 +54,7 @@ def corner_bound(polygon: Polygon, noise_sigma: float, blur_px: float) -> Array:
 
 
 def limit(view: FacetView) -> Limit | None:
-    """The meter's reading of one look; None where nothing was seen."""
+    """The measures of one look; None where nothing was seen."""
     polygons = view.polygons_left + view.polygons_right
     off = [f.epipolar_px for g in view.groups for f in g.facets]
     if not polygons or not off:

@@ -1,4 +1,4 @@
-"""Write a run by the run log itself, with pictures, for tests of the review."""
+"""Write a run with the real run log, with images, for tests of the review."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def part(label: str, **more: Any) -> dict[str, Any]:
 
 
 class MadeRun:
-    """Writes cycles that end as they are told."""
+    """A run whose cycles end with given outcomes."""
 
     def __init__(self, folder: Path, pictures: bool = True, **start: Any) -> None:
         self.now = 1000.0
@@ -109,21 +109,21 @@ class MadeRun:
         self.write("cycle_end", cycle=self.cycle, outcome=outcome, label="cube", stops=0, why="", grasp=None)
 
     def close(self, version: int = VERSION) -> Path:
-        """version: of the lines, as an earlier release wrote them."""
+        """version: that of the lines, for a run of an earlier release."""
         self.log.close("the made run ends")
         lines = self.folder / "run.jsonl"
         lines.write_text(lines.read_text().replace(f'{{"v":{VERSION},', f'{{"v":{version},'))
         return self.folder
 
     def cut(self, version: int = VERSION) -> Path:
-        """The same of a daemon that was killed: there is no end."""
+        """End the run as a killed daemon leaves it: without an end record."""
         lines = self.close(version) / "run.jsonl"
         lines.write_text("".join(lines.read_text().splitlines(keepends=True)[:-1]))
         return self.folder
 
 
 def quiet(runs: Path) -> None:
-    """Nothing in these runs was written within the last hour."""
+    """Date the files of these runs back by more than an hour."""
     for file in runs.rglob("*"):
         if file.is_file():
             then = file.stat().st_mtime - 3600

@@ -20,7 +20,7 @@ from daemon.fleet.store import Store
 DAY_MS = 86_400_000
 OF_PICKS = tuple(name for name in TABLES if name != "runs")
 SILENT, FAULTY, WORSE = 29, 17, 11
-"""Cells by number: nothing of it for the last days; faults in summer and after; fewer picks in the last weeks."""
+"""Numbers of cells: one without data for the last days; one with faults from summer on; one with fewer picks lately."""
 STOPS = ("part slipped", "looks like another", "out of the arm's reach", "camera knocked", "estimate too uncertain")
 
 
@@ -100,7 +100,7 @@ def _month(picks: Picks, cell: int, year: float, days: Sequence[date], a_day: in
 
 
 def _illness(picks: Picks, cell: int, year: float, drawn: Any, rng: Any) -> dict[str, Any]:
-    """What this cell suffers from: parts that slip, a lamp that fades, eyes that turn, a model changed in summer."""
+    """The weakness of a cell: parts that slip, a fading lamp, cameras that drift, a model that changed in summer."""
     labels = picks.rows["cycles"]["label"].to_numpy(zero_copy_only=False)[drawn]
     known = sorted({str(label) for label in labels})
     rate = np.full(len(drawn), 0.004 + 0.002 * (cell % 5)) * (0.6 if year > 0.5 else 1.0)

@@ -22,11 +22,11 @@ Rings = list[tuple[int, ...]]
 Outline = list[tuple[float, float]]
 
 LEAST_MM, MOST_MM = 22, 80
-"""Sizes are whole millimetres between these."""
+"""The bounds of sizes, which are whole millimetres."""
 APART_MM = 5
-"""Two parts of one family differ by so much in one size at least."""
+"""The least difference, in at least one size, between two parts of one family."""
 TRIES = 2000
-"""So many sizes are drawn before a family is taken to be full."""
+"""The most sizes that are drawn before a family counts as full."""
 
 
 class Drawing(NamedTuple):
@@ -89,7 +89,7 @@ def _prism(sides: int) -> Callable[..., Drawing]:
 
 
 def _frustum(a: int, b: int, height: int, top: int) -> Drawing:
-    """A pyramid's foot: its top is `top` percent of its base."""
+    """A frustum of a pyramid: its top is `top` percent of its base."""
     corners, rings = prism(_rectangle(-a / 2, -b / 2, a / 2, b / 2), height)
     corners[4:, :2] *= top / 100
     return Drawing(corners, rings, (corners,))

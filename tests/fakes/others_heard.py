@@ -20,11 +20,11 @@ from drivers.val2.session import LineSession
 
 NOTICE = "somebody else types on this line"
 REPORTED_S = 15.0
-"""How long after it was noticed it is reported at the latest: the arm is brought to rest before."""
+"""The longest time from noticing to reporting: the arm is stopped in between."""
 
 
 class OthersHeard:
-    """The lines of others that are not noticed yet, and what became of all."""
+    """Tracks the lines of others: which are not noticed yet, and what became of each."""
 
     def __init__(self, now_s: Callable[[], float], may_move: Callable[[], bool]) -> None:
         """may_move: whether somebody let the arm move; where nobody did, who asked hears of it."""
@@ -34,9 +34,9 @@ class OthersHeard:
         self._noticed_s: float | None = None
         self._found: list[Violation] = []
         self.noticed: list[str] = []
-        """The lines that were."""
+        """The lines that were noticed."""
         self.unjudged: list[str] = []
-        """Those of which nothing can be asked."""
+        """The lines for which nothing is required."""
 
     def typed(self, text: str, clean: bool) -> None:
         """Another terminal typed a line; clean: nothing has spoilt the line for a while, and nobody asks anything."""
@@ -46,7 +46,7 @@ class OthersHeard:
             self.unjudged.append(text)
 
     def spoilt(self) -> None:
-        """Nothing more can be asked of what is not noticed yet."""
+        """The line was disturbed: nothing is required of lines that are not noticed yet."""
         self._drop()
         self._noticed_s = None
 
@@ -55,12 +55,12 @@ class OthersHeard:
         self._open = []
 
     def told(self, text: str) -> None:
-        """Something was reported at a socket."""
+        """A message was sent at a socket."""
         if NOTICE in text:
             self._noticed_s = None
 
     def violations(self) -> tuple[Violation, ...]:
-        """What was not noticed, or not reported, so far."""
+        """The lines that were not noticed, or not reported, so far."""
         if self._noticed_s is not None and self._now_s() > self._noticed_s + REPORTED_S:
             self._found.append(
                 Violation("not reported", self._noticed_s, self.noticed[-1], "noticed, and not reported")
@@ -69,7 +69,7 @@ class OthersHeard:
         return tuple(self._found)
 
     def patches(self) -> list[AbstractContextManager[Any]]:
-        """Of the line's session, through which all that is typed goes."""
+        """The patches of the line's session, through which everything typed goes."""
         ask, preemption, terminal, disturb, find_prompt = (
             LineSession.ask, LineSession.preemption, LineSession.terminal, LineSession._refuse_others,
             LineSession.find_prompt)  # fmt: skip

@@ -26,7 +26,7 @@ from tests.fakes.running import ETC, SHOWN
 from tests.fakes.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
 
 POISONED = ("!!", "\x15")
-"""What makes a line an error at any controller: left by who cancelled it."""
+"""Bytes that make a line an error at any controller; a cancelled line leaves them."""
 SAME_DEG = 0.002
 RESTS_S, DRAINED_S, MOMENT_S = 60.0, 0.2, 30.0
 
@@ -37,7 +37,7 @@ MOMENTS: dict[str, Callable[[SimulatedCell], bool]] = {
     "a question": lambda cell: cell.controller.question is not None,
     "a part held": lambda cell: cell.world.held is not None,
 }
-"""In what a daemon can leave a cell."""
+"""The states in which a killed daemon can leave a cell."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Ways:
 
 
 class Beside(Sentry):
-    """A facetd and, beside it, the cell it works in."""
+    """A facetd process, and the cell in which it works."""
 
     def __init__(self, folder: Path, ways: Ways, seed: int = 9) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -83,18 +83,18 @@ class Beside(Sentry):
         motion_monitor.line(server.now_s(), hears=True)
 
     def do(self, text: str) -> dict[str, Any]:
-        """Say one command; what it allows is known to the cell's motion monitor from here."""
+        """Send one command; reports to the cell's motion monitor what it permits."""
         self._enabled |= text == "enable"
         if self._enabled and text not in ("stop", "disable"):
             self.cell.motion_monitor.may_move(self.cell.server.now_s(), True)
         return super().do(text)
 
     def judged(self) -> list[str]:
-        """What the arm did that it must never do."""
+        """Forbidden motions of the arm."""
         return list(map(str, self.cell.violations()))
 
     def await_moment(self) -> None:
-        """Wait until the cell is in what the kill is for, and hold the daemon there: a busy machine may be late."""
+        """Wait until the cell is in the wanted state, and stop the daemon there: a busy computer may be late."""
         if self.at is None or self.process is None:
             return
         there, until_s = MOMENTS[self.at], time.monotonic() + MOMENT_S
@@ -109,16 +109,16 @@ class Beside(Sentry):
 
     @property
     def holds(self) -> bool:
-        """Whether a part truly is in the gripper."""
+        """Whether a part really is in the gripper."""
         return self.cell.world.held is not None
 
     def joints_deg(self) -> list[float]:
-        """Where the controller has the arm, once it rests."""
+        """The joints of the arm once it is at rest, from the controller."""
         self.rests()
         return np.degrees(self.cell.arm.joints_at(self.cell.server.now_s())).round(3).tolist()
 
     def rests(self) -> bool:
-        """Wait until the arm is at rest; whether it came to be."""
+        """Wait until the arm is at rest; returns whether it is."""
         until_s = time.monotonic() + RESTS_S
         while not (rests := self.cell.arm.at_rest(self.cell.server.now_s())) and time.monotonic() < until_s:
             time.sleep(0.05)
@@ -132,11 +132,11 @@ class Beside(Sentry):
         self.cell.clear()
 
     def show(self, label: str, view: int) -> None:
-        """A hand holds the part before the cameras."""
+        """Show the part to the cameras."""
         self.cell.place_for_teaching(label, view)
 
     def answer_questions(self) -> None:
-        """What an operator does about an open question: power-up, arm power, CAL."""
+        """Answer an open question as an operator would: power-up, arm power, CAL."""
         with self.cell.server.controller() as controller:
             asks, calibrated = controller.question is not None, controller.machine.calibrated
             controller.machine.switch_arm_power_on()
@@ -205,11 +205,11 @@ ACTS: dict[str, tuple[Act, float, Ways]] = {
     "power-up, lines not cancelled": (_switching_on, 6.0, replace(ASKED, cancels_lines=False)),
     "starting": (lambda _: None, 1.5, replace(TYPED, pause_s=0.02)),
 }
-"""What is being done, within how many seconds of its beginning the kill comes, and in which cell."""
+"""Each act: what it does, within how many seconds the kill comes, and in which cell."""
 
 
 def harm(kills: int, seed: int, names: Sequence[str] = tuple(ACTS)) -> dict[str, Found]:
-    """Kill the daemon so often, at random moments of every act in turn, each in a cell of its own; {row: found}."""
+    """Kill the daemon repeatedly, at random moments of every act in turn, each in a new cell; returns {row: found}."""
     rng = np.random.default_rng(seed)
     table = {}
     for row, name in enumerate(names):
@@ -232,7 +232,7 @@ def harm(kills: int, seed: int, names: Sequence[str] = tuple(ACTS)) -> dict[str,
 
 
 def strike(daemon: Beside, act: Act, after_s: float, found: Found, name: str) -> None:
-    """One kill, what it left, and how the daemon comes back to a cell that went on."""
+    """Kill the daemon once; check what that left, and how the daemon restarts in the cell, which went on."""
     starting = name.startswith("starting")
     if starting:
         daemon.kill()
@@ -250,7 +250,7 @@ def strike(daemon: Beside, act: Act, after_s: float, found: Found, name: str) ->
 
 
 def witness(daemon: Beside, found: Found, name: str) -> None:
-    """What the controller was told since the kill, and whether the daemon knows where the arm is."""
+    """The commands that the controller received since the kill, and whether the daemon knows the arm's position."""
     with daemon.cell.server.controller() as controller:
         lines = [line for line in controller.lines if not any(mark in line for mark in POISONED)]
     meant = sent(daemon).replace("\x15", "\r").split("\r")

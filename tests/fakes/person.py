@@ -13,11 +13,11 @@ from pathlib import Path
 
 SEQUENCE = re.compile(rb"\x1b(\[[0-9;?]*[ -/]*[@-~]|[^\[])")
 BEGUN = re.compile(rb"(.*?)((?:\x1b(?:\[[0-9;?]*)?)?)\Z", re.DOTALL)
-"""What a terminal does not show: where the cursor goes, colours; and the beginning of such a sequence at the end."""
+"""Control sequences (cursor, colours), with an incomplete one at the end: a terminal does not show them."""
 
 
 def piped(text: str) -> int:
-    """The end of a pipe that a program reads all of this from, and then its end."""
+    """The read end of a pipe that contains this text."""
     read, write = os.pipe()
     os.write(write, text.encode())
     os.close(write)
@@ -31,9 +31,9 @@ class Person:
     def __init__(self, folder: Path, *words: str, program: str = "daemon.ctl") -> None:
         self.seen, self._raw = "", b""
         self.gone = False
-        """Whether facetctl was seen to have ended."""
+        """Whether facetctl has ended."""
         self.asked_for_cursor = False
-        """Whether the terminal was asked where its cursor is. This one never answers."""
+        """Whether the program asked for the cursor's position. This terminal never answers."""
         self._pid, self._handle = pty.fork()
         if self._pid == 0:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever began the tests in the background ignores it
@@ -46,7 +46,7 @@ class Person:
         os.write(self._handle, keys.encode("latin-1"))
 
     def sees(self, text: str, within_s: float = 20.0) -> str:
-        """Wait for a text beyond what was seen before; gives what came before it."""
+        """Wait for a text in new output; returns the output before it."""
         deadline = time.monotonic() + within_s
         while text not in self.seen:
             assert time.monotonic() < deadline, f"{text!r} did not come; what came: {self.seen!r}"
@@ -55,7 +55,7 @@ class Person:
         return before
 
     def sees_for(self, seconds: float) -> str:
-        """All that appears in so many seconds, beyond what was seen before."""
+        """The new output within some seconds."""
         deadline = time.monotonic() + seconds
         while (left_s := deadline - time.monotonic()) > 0 and self._read(left_s):
             continue
@@ -63,7 +63,7 @@ class Person:
         return text
 
     def leaves(self) -> int:
-        """Wait for the end of facetctl; its status."""
+        """Wait for the end of facetctl; returns its exit status."""
         deadline = time.monotonic() + 30.0
         while self._read(0.1):
             assert time.monotonic() < deadline, f"still there; what came: {self.seen!r}"
@@ -72,7 +72,7 @@ class Person:
         return os.waitstatus_to_exitcode(status)
 
     def _read(self, within_s: float) -> bool:
-        """Take in what appears next. False where facetctl has ended."""
+        """Read the next output. False where facetctl has ended."""
         if not select.select([self._handle], [], [], within_s)[0]:
             return True
         try:

@@ -27,14 +27,14 @@ from drivers.simcell.truth import Truth, load_truth
 DISTANCE_MM, ELEVATION_DEG = (280.0, 420.0), (30.0, 70.0)
 ETC = Path(__file__).parents[2] / "etc"
 STRAY_MM = 40.0
-"""How far from the table's middle a part lies, along x and y, at most."""
+"""The greatest distance of a part from the table's middle, along x and y."""
 TABLES = 6
-"""So many patterned tables there are."""
+"""The number of patterned tables."""
 SAME_PLANE = 1e-6
 TRIES = 3000
-"""Views that are drawn before none is thought to do."""
+"""The most views that are drawn in search of a wanted one."""
 WELL, HARDLY = 0.10, 0.05
-"""Cosines of a facet's turn from a camera: more, and that sees it well; less, and it sees a sliver or none."""
+"""Cosines of a facet's normal and a camera's direction: above the first it is seen well, below the second hardly."""
 Image = NDArray[np.uint8]
 
 
@@ -52,7 +52,7 @@ class Photograph:
 def pose_above(
     stand_off_mm: float, at: Array, rng: np.random.Generator, up_deg: tuple[float, float] = (50.0, 75.0)
 ) -> Array:
-    """world_from_cyclopean that looks at a point from anywhere so many degrees up, rolled a little."""
+    """world_from_cyclopean that looks at a point from any side, at an elevation in degrees, rolled a little."""
     up, around = np.radians(rng.uniform(*up_deg)), rng.uniform(-np.pi, np.pi)
     z = -np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
     x = turn(z, rng.uniform(-0.3, 0.3)) @ np.cross(z, [0, 0, 1])
@@ -62,7 +62,7 @@ def pose_above(
 
 @cache
 def cell() -> Truth:
-    """What is true of the simulated cell."""
+    """The truth of the simulated cell."""
     return load_truth(ETC / "simcell.yaml")
 
 
@@ -95,7 +95,7 @@ def photograph(
 
 
 def seen_by_one(shape: PartShape, cyclopean_from_part: Array) -> bool:
-    """Whether both cameras see one facet of a part's hull well, and one of them alone a second."""
+    """Whether both cameras see one facet of a part's hull well, and only one of them sees a second."""
     hull, truth = shape.hull, cell()
     cosines = []
     for camera in (truth.left, truth.right):
@@ -118,7 +118,7 @@ def print_for(shape: PartShape, albedo: float, rng: np.random.Generator) -> list
 
 
 def _goes_on(piece: ConvexSolid, face: int, other: ConvexSolid) -> bool:
-    """Whether the other piece has a face in the same plane on the same side."""
+    """Whether another piece continues a face in the same plane on the same side."""
     along = other.normals @ piece.normals[face] > 1 - SAME_PLANE
     return bool((along & (np.abs(other.offsets - piece.offsets[face]) < SAME_PLANE * 1000)).any())
 
@@ -126,7 +126,7 @@ def _goes_on(piece: ConvexSolid, face: int, other: ConvexSolid) -> bool:
 def taken(
     table: int | None, world_from_cyclopean: Array, things: tuple[RenderedSolid, ...], seed: int
 ) -> tuple[Image, Image]:
-    """Left and right picture (H, W) of things before a table; the sensor's noise is drawn from the seed."""
+    """Left and right image (H, W) of objects in front of a table; the sensor noise comes from the seed."""
     kept = os.environ.get("FACETD_RENDERED")
     path = Path(kept) / f"{_mark(table, world_from_cyclopean, things, seed)}.npz" if kept else None
     if path is not None and path.is_file():
@@ -146,7 +146,7 @@ def taken(
 
 @cache
 def _studio(table: int | None) -> tuple[SimulatedPair, list[SimulatedScene], np.random.Generator]:
-    """Cameras over a table, what they see next, and what their noise is drawn from. Their clock stands still."""
+    """Cameras over a table, their scene, and the generator of their noise. Their clock does not run."""
     stage: list[SimulatedScene] = []
     noise = np.random.default_rng()
     pattern = None if table is None else np.random.default_rng(table)
@@ -158,7 +158,7 @@ def _studio(table: int | None) -> tuple[SimulatedPair, list[SimulatedScene], np.
 
 
 def _mark(table: int | None, world_from_cyclopean: Array, things: tuple[RenderedSolid, ...], seed: int) -> str:
-    """What tells one picture from all others."""
+    """A digest that identifies an image."""
     told = sha256(f"{table} {seed}".encode() + world_from_cyclopean.tobytes())
     for thing in things:
         told.update(thing.solid.vertices.tobytes() + thing.world_from_solid.tobytes())

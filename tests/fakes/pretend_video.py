@@ -31,7 +31,7 @@ class PretendControl:
 
 @dataclass
 class Arrival:
-    """A frame that comes at `at_s`: its bytes, what the driver stamps it with, its flags."""
+    """A frame that arrives at `at_s`: its bytes, its time stamp, its flags."""
 
     at_s: float
     data: bytes
@@ -53,7 +53,7 @@ class PretendMap:
 
 @dataclass
 class PretendDevice:
-    """One device: what it is called and offers, what arrives when, and what goes wrong."""
+    """One device: its names and formats, the frames that arrive, and its faults."""
 
     card: str
     formats: dict[str, list[tuple[int, int]]] = field(default_factory=lambda: {"GREY": [(8, 4)]})
@@ -71,7 +71,7 @@ class PretendDevice:
     _memory: list[bytearray] = field(default_factory=list)
 
     def advance(self, now_s: float) -> None:
-        """Let everything arrive that is due: into a free buffer, or into nothing."""
+        """Deliver every frame that is due into a free buffer; without one it is lost."""
         while self.schedule and self.schedule[0].at_s <= now_s:
             frame = self.schedule.pop(0)
             if not (self.stream_is_on and self._free):
@@ -240,7 +240,7 @@ class PretendSystem:
         return PretendNode(self.devices[path], self)
 
     def wait(self, nodes: Sequence[PretendNode], timeout_s: float) -> bool:
-        """To the next arrival on these nodes or the end of the time, whichever is first."""
+        """Advance the clock to the next arrival on these nodes, or to the time limit if that comes first."""
         self.waits += 1
         due = [a.at_s for node in nodes for a in node.device.schedule]
         until_s = self.now_s + timeout_s
@@ -251,7 +251,7 @@ class PretendSystem:
 
 
 def whole_frames(system: PretendSystem, count: int, period_s: float = 0.1) -> None:
-    """So many whole frames from every device, from now on."""
+    """Deliver a number of complete frames from every device, from now on."""
     for device in system.devices.values():
         size = device.size[0] * device.size[1]
         device.schedule[:] = [Arrival(system.now_s + 0.02 + k * period_s, bytes(size), k) for k in range(count)]

@@ -49,20 +49,20 @@ def print_pair(
 
 
 def _cloth(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Threads: noise drawn out along one direction, and stripes across."""
+    """A texture of threads: noise stretched along one direction, and stripes across it."""
     threads = cv2.GaussianBlur(rng.normal(size=(TEXELS, TEXELS)).astype(np.float32), (0, 0), sigmaX=12, sigmaY=0.7)
     stripes = np.sin(np.arange(TEXELS) / 5.0)[:, None]
     return np.asarray(60 + 14 * threads / threads.std() + 12 * stripes, np.float32)
 
 
 def _stone(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Specks of all sizes."""
+    """A texture of specks of all sizes."""
     each = [cv2.GaussianBlur(rng.normal(size=(TEXELS, TEXELS)).astype(np.float32), (0, 0), s) for s in (0.6, 1.5, 4.0)]
     return np.asarray(70 + sum(9 * one / one.std() for one in each), np.float32)
 
 
 def _print(rng: np.random.Generator, base: float, printed: bool) -> NDArray[np.float32]:
-    """Paper with words and a band on it."""
+    """A texture of paper with text and a band."""
     paper = np.full((TEXELS, TEXELS), base, np.uint8)
     if printed:
         ink = base - 60

@@ -29,7 +29,7 @@ START = np.array([520.0, 0.0, -300.0])
 
 @dataclass(frozen=True, eq=False)
 class TurnedOver:
-    """One part brought to a place on another side: how the pick ended, how often it was laid down, what is so."""
+    """The result of placing a part on another side: the pick's outcome, the number of regrasps, the true pose."""
 
     label: str
     side: int
@@ -66,12 +66,12 @@ async def turned_over(label: str, rest: int, side: int, seed: int) -> TurnedOver
 
 
 def start_on(shape: Polyhedron, side: int, heading_deg: float = 10.0) -> Array:
-    """(4, 4) how a part lies on a side, from 0, where it is picked."""
+    """(4, 4): the pose of a part that rests on a side, numbered from 0, where it is picked."""
     return frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, START) @ shape.laid_flat[side]
 
 
 def goal_on(label: str, shape: Polyhedron, side: int) -> Goal:
-    """A place at which that side, from 0, is down, and no other that looks the same."""
+    """A place where a part rests on that side, numbered from 0, and on no other that looks the same."""
     manner = Manner(part=label, equivalents=False)
     return goal_of(Place("nest", manner, np.eye(4), None, side + 1, AT, 20.0), shape)
 
@@ -92,7 +92,7 @@ def pairs_by_brute_force(
             between.append(frames.rigid(about_vertical(turn), spot) @ face)
 
     def taken(pose: Array) -> list[Array]:
-        """tool_from_part (4, 4) of each grasp that the arm gets to, and back from."""
+        """tool_from_part (4, 4) of each grasp that the arm can reach and leave."""
         centre, found = frames.apply(pose, shape.corners_mm).mean(axis=0), []
         for grasp in gripper.grasps(shape, pose, table_z_mm, settings.stops.enough_mm).found:
             if reach.allows_each(np.stack(approach_poses(grasp, centre, settings, mounting))).all():
@@ -100,7 +100,7 @@ def pairs_by_brute_force(
         return found
 
     def laid(held: Array) -> set[int]:
-        """The numbers of the poses between that this can lay the part down in."""
+        """The numbers of the intermediate poses in which this can place the part."""
         at = np.stack([paths.lifted(pose, 0.5) for pose in between]) @ frames.inverse(held)
         over, clear = (np.stack([move(each, mm) for each in at]) for move, mm in
                        ((paths.lifted, 60.0), (paths.backed_off, settings.pregrasp_mm)))  # fmt: skip
@@ -129,5 +129,5 @@ def pairs_by_brute_force(
 
 
 def sides_of(label: str) -> list[int]:
-    """The sides, from 0, that a part can lie on."""
+    """The sides, numbered from 0, on which a part can rest."""
     return stable_sides(model().metric[label].solid)

@@ -28,7 +28,7 @@ SIX_VIEWS = (
 
 
 def types_open(solid: Polyhedron) -> Types:
-    """Every type that each facet may have as it was measured."""
+    """All types that each facet may have within its measurement errors."""
     return tuple(
         tuple(kind.name for kind in type_facet(solid.corners_mm[ring], solid.covariance_mm2[ring], LIBRARY))
         for ring in solid.rings
@@ -55,7 +55,7 @@ def hypotheses(seen: Polyhedron, model: Model, vigilance: float | None = None) -
 
 
 def shown(views: Sequence[tuple[str, Body, tuple[float, float, float]]]) -> Model:
-    """A model that was shown parts, each from a direction, with honest corner noise."""
+    """A model that was taught views of parts, each from a direction, with realistic corner noise."""
     rng, model = np.random.default_rng(3), empty_model(LIBRARY)
     for label, body, direction in views:
         model = learn_view(model, view_of(body, pose(np.array(direction), 0.3), rng, 0.6), label)

@@ -1,4 +1,4 @@
-"""A facetd process on a simulated cell, in a folder of its own, for benches and tests that disturb or measure it.
+"""A facetd process with a simulated cell in its own folder, for benches and tests that disturb or measure it.
 
 Starts it, sends commands, and reads the kernel's figures of the process.
 """
@@ -24,7 +24,7 @@ from daemon.frontends.client import DaemonLink
 ETC = Path(__file__).resolve().parents[2] / "etc"
 SHOWN = (("cube", 3), ("pyramid", 4), ("pyramid", 3), ("triangular_prism", 3), ("pentagonal_prism", 3),
          ("pentagonal_prism", 3))  # fmt: skip
-"""The six views in the order the simulated hand shows them, and how many facets a person sees in each."""
+"""The six views in the order in which the simulated operator shows them, and the number of facets in each."""
 TRIES = 8
 
 
@@ -57,18 +57,18 @@ class Running:
         self.process: subprocess.Popen[bytes] | None = None
         self.program = "daemon.main"
         self.launcher: tuple[str, ...] = ()
-        """The command that starts it, where that is another's."""
+        """A command that starts facetd, in front of its own; empty: none."""
         self.environment: dict[str, str] = {}
         self._allowed: list[tuple[float, bool]] = []
-        """From when on the arm might move or not, by what was said to it."""
+        """Whether the commands permitted motion, with the time from which."""
 
     @property
     def runs(self) -> Path:
-        """Where its run folders are."""
+        """The folder of its runs."""
         return self.folder / "state" / "runs"
 
     def start(self, arguments: Iterable[str] = ("--sim",), timeout_s: float = 60.0) -> None:
-        """Start it and wait until it says that it is ready. Raises RuntimeError where it ends first, or never is."""
+        """Start it and wait until it is ready. Raises RuntimeError where it ends before, or is never ready."""
         self._allowed.append((time.monotonic(), False))
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notes:
             place = self.folder / "notify"
@@ -92,7 +92,7 @@ class Running:
         raise RuntimeError(f"not ready: {(self.folder / 'stderr').read_text(errors='replace')[-300:]}")
 
     def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
-        """Say one command; {text, data, status}. answer: to each question (None: as somebody whom nobody asks)."""
+        """Send a command; returns {text, data, status}. answer: to each question (None: a client without questions)."""
         if text in ("enable", "resume"):
             self._allowed.append((time.monotonic(), True))
         with DaemonLink(self.folder / "facetd.sock") as link:
@@ -113,7 +113,7 @@ class Running:
         return found
 
     def teach(self, views: Sequence[tuple[str, int]] = SHOWN) -> None:
-        """Show the views as an operator would, each again until it is seen whole; train. Raises RuntimeError."""
+        """Show the views as an operator would, each until it is seen whole, then train. Raises RuntimeError."""
         shown = [label for label, _ in views]
         for k, (label, facets) in enumerate(views):
             for _ in range(TRIES):
@@ -129,10 +129,10 @@ class Running:
         self.do("accept")
 
     def show(self, label: str, view: int) -> None:
-        """Show a part in one of its views: the simulated hand does it by itself."""
+        """Show a part in one of its views, as the simulated operator does."""
 
     def footprint(self) -> Footprint:
-        """What the process holds now."""
+        """The resources that the process holds now."""
         assert self.process is not None
         root = Path(f"/proc/{self.process.pid}")
         said = dict(line.split(":", 1) for line in (root / "status").read_text().splitlines())
@@ -146,13 +146,13 @@ class Running:
         )
 
     def kill(self) -> None:
-        """kill -9, and wait for the end."""
+        """Send SIGKILL and wait for the end."""
         if self.process is not None:
             self.process.kill()
             self.process.wait()
 
     def end(self, timeout_s: float = 10.0) -> int:
-        """SIGTERM; the exit status."""
+        """Send SIGTERM; returns the exit status."""
         assert self.process is not None
         self.process.terminate()
         return self.process.wait(timeout_s)

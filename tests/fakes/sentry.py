@@ -28,12 +28,12 @@ MOTIONS = ("DO MOVE", "DO READY", "EXECUTE", "CALIBRATE", "CAL\r", "DO OPENI", "
 STILL_S = 0.3
 
 Act = Callable[["Sentry"], None]
-"""What a daemon is made to do until it is killed."""
+"""An act of the daemon during which it is killed."""
 
 
 @dataclass
 class Found:
-    """What was seen after the kills of one kind."""
+    """The findings after the kills of one kind."""
 
     kills: int = 0
     torn: int = 0
@@ -45,35 +45,35 @@ class Found:
     moved: list[str] = field(default_factory=list)
     stuck: list[str] = field(default_factory=list)
     met: Counter[str] = field(default_factory=Counter)
-    """What the daemon found when it came back, where that is known."""
+    """What the daemon reported when it restarted, if known."""
 
     @property
     def complaints(self) -> list[str]:
-        """What may not be, a line each."""
+        """All violations, one line each."""
         return [*self.lost, *self.corrupt, *self.unanswered, *self.moved, *self.stuck]
 
     @property
     def well(self) -> bool:
-        """Nothing that may not be."""
+        """Whether there are no violations."""
         return not self.complaints
 
 
 class Sentry(Running):
-    """A daemon that notes which commands it has acknowledged."""
+    """A daemon of which it is recorded which commands it acknowledged."""
 
     def __init__(self, folder: Path, config: str = CONFIG, seed: int = 9, time_scale: float = 20.0) -> None:
         super().__init__(folder, config, seed, time_scale)
         self.acknowledged: list[str] = []
 
     def do(self, text: str) -> dict[str, Any]:
-        """Say one command; when it comes back, it was heard."""
+        """Send one command; when this returns, the daemon has acknowledged it."""
         done = super().do(text)
         if done["status"] == 0:
             self.acknowledged.append(text)
         return done
 
     def await_moment(self) -> None:
-        """Wait for a moment at which a kill is worth most; here one is as good as another."""
+        """Wait for the moment to kill; here any moment serves."""
 
     @property
     def holds(self) -> bool:
@@ -87,7 +87,7 @@ class Sentry(Running):
 
 
 def killed(daemon: Sentry, act: Act, after_s: float, starting: bool) -> None:
-    """Begin to act, and kill in the middle of it."""
+    """Begin an act, and kill the daemon in the middle of it."""
     daemon.acknowledged = []
     if starting:
         alive = threading.Timer(after_s, daemon.kill)
@@ -115,7 +115,7 @@ def killed(daemon: Sentry, act: Act, after_s: float, starting: bool) -> None:
 
 
 def look_over(daemon: Sentry, found: Found, name: str) -> bool:
-    """What the kill left on the disk; whether a pick was cut off."""
+    """Check what the kill left on the disk; returns whether a pick was interrupted."""
     known = list_runs(daemon.runs)
     if not known:
         return False
@@ -139,7 +139,7 @@ UNRECORDED = ("look", "doctor", "bundle", "scatter", "status", "auto wait")
 
 
 def corrupt_files(state: Path) -> Iterator[str]:
-    """Every file under its final name that is not whole."""
+    """Every incomplete file with a final name."""
     for picture in state.rglob("[0-9a-z]*.png"):
         if cv2.imread(str(picture), cv2.IMREAD_UNCHANGED) is None:
             yield f"{picture}: not a whole picture"
@@ -162,7 +162,7 @@ def corrupt_files(state: Path) -> Iterator[str]:
 
 
 def come_back(daemon: Sentry, found: Found, name: str, in_cycle: bool) -> None:
-    """Start again: it must ask where a pick was cut off, and nothing may move until `resume`."""
+    """Start again: after an interrupted pick it must ask, and nothing may move until `resume`."""
     daemon.acknowledged = []
     daemon.start()
     state = daemon.do("status")["data"]
@@ -181,7 +181,7 @@ def come_back(daemon: Sentry, found: Found, name: str, in_cycle: bool) -> None:
 
 
 def go_on(daemon: Sentry, found: Found, name: str) -> None:
-    """What an operator says after a restart; then the arm must move again."""
+    """Type an operator's commands after a restart; then the arm must move again."""
     for text in ("resume", f"holding {'yes' if daemon.holds else 'no'}", "enable"):
         daemon.do(text)
     gone = daemon.do("go home")

@@ -31,7 +31,7 @@ MACHINED = (
 )  # fmt: skip
 PARTS = (*TAUGHT, *MACHINED)
 FLAT = 0.999
-"""Cosine of how far a side may lean on which a part lies."""
+"""Least cosine between the vertical and the normal of a side that counts as down."""
 
 
 def drawing(label: str) -> bytes:
@@ -61,7 +61,7 @@ def model() -> Model:
 
 @cache
 def shape_of(label: str) -> PartShape:
-    """A part as the cell has it."""
+    """A part's shape in the cell."""
     return shown_shape(label, _read(label)) if label in MACHINED else part_shape(label)
 
 
@@ -73,12 +73,12 @@ def shape_from_part(label: str) -> Array:
 
 
 def lies(part: PlacedPart) -> Array:
-    """(4, 4) the pose of the part in the cell, in the frame of the taught solid."""
+    """(4, 4): the true pose of the part in the cell, in the frame of the taught solid."""
     return part.pose @ shape_from_part(part.label)
 
 
 def part_of(here: Rig, label: str) -> PlacedPart:
-    """The part of that label, wherever it is."""
+    """The part with that label, wherever it is."""
     return next(part for part in here.cell.world.parts if part.label == label)
 
 
@@ -101,7 +101,7 @@ def scattered(here: Rig, label: str, rng: np.random.Generator) -> int:
 
 
 def places_of(here: Rig, folder: Path, places: tuple[Place, ...]) -> PlaceTable:
-    """Have the cell bring parts to these places."""
+    """Configure these places."""
     table = PlaceTable(CellPlaces(places=places), PlaceStatuses(folder))
     here.cycle.use_places(table)
     return table

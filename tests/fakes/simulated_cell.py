@@ -71,18 +71,18 @@ class Rig:
     robot: Any
 
     def grasp_error(self, end: CycleEnd) -> tuple[float, float]:
-        """(mm, degrees) of the last closing against what the pick expected."""
+        """(mm, degrees): the error of the last grasp against the pick's expectation."""
         assert end.grasp is not None
         assert end.corners is not None
         return self.cell.truth.grasp_pose_error(frames.apply(frames.inverse(end.grasp), end.corners))
 
     def lies(self, label: str) -> str:
-        """What carries the part of that label: table, hand, bin, floor, or nowhere."""
+        """Where the part with that label is: table, hand, bin, floor, or nowhere."""
         return next((p.where.value for p in self.cell.world.parts if p.label == label), "nowhere")
 
 
 def true_calibration() -> Calibration:
-    """What the daemon's calibration would say if it knew the truth."""
+    """The calibration that matches the truth exactly."""
     config = load_config(CONFIG, simulated=True)
     truth = load_truth(config.file(config.values.simulated.truth))
     eyes = [
@@ -140,7 +140,7 @@ async def rig(
 
 
 def tell_the_motion_monitor(cell: SimulatedCell, cycle: PickCycle, log: ListLog) -> None:
-    """When the arm may move, and how fast, as it is said: by whoever enables and resumes, and by the log."""
+    """Report to the motion monitor when the arm may move and how fast, from enable, resume and the log."""
 
     def leave(act: Callable[..., None]) -> Callable[..., None]:
         def given(*asked: object) -> None:
@@ -174,7 +174,7 @@ async def taught(here: Rig) -> Model:
 
 
 def taught_once(tmp_path_factory: pytest.TempPathFactory) -> Model:
-    """What `taught` learns in a cell of its own, once for all tests of a run."""
+    """The model that `taught` learns in a separate cell, once for all tests of a run."""
 
     async def teach() -> Model:
         async with rig(seed=100) as here:
@@ -185,7 +185,7 @@ def taught_once(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 
 async def _learnt(here: Rig, model: Model, label: str, view: int) -> Model:
-    """The model with one view more, shown again, as a person would, where it was not seen whole."""
+    """The model with one more view, which is shown again, as a person would, if it was not seen whole."""
     tries = 4
     while True:
         here.cell.place_for_teaching(label, view)

@@ -34,7 +34,7 @@ START_DEG = np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0])
 
 
 class PacedLine(MemoryLine):
-    """A line of limited speed both ways, on which a wrong speed spoils every byte."""
+    """A line of limited speed in both directions, on which a wrong baud rate damages every byte."""
 
     def __init__(self, controller: Controller, loop: asyncio.AbstractEventLoop, baud: int) -> None:
         super().__init__(controller, loop)
@@ -80,7 +80,7 @@ class Strange:
 
 
 def draw(seed: int) -> Strange:
-    """The same for the same seed."""
+    """A random controller, arm and line; the same for the same seed."""
     rng = np.random.default_rng([560, seed])
     published = PUBLISHED[int(rng.integers(len(PUBLISHED)))]
     a2, a3, d3, d4 = published.lengths_mm
@@ -97,7 +97,7 @@ def draw(seed: int) -> Strange:
 
 
 def dialect_of(strange: Strange) -> Dialect:
-    """What a first contact finds."""
+    """The dialect that a first contact finds."""
     how = strange.manners
     return Dialect(
         baud=strange.baud,
@@ -156,7 +156,7 @@ async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
 
 @dataclass(eq=False)
 class Contact:
-    """What a first contact came to. steps: how far the arm went, degrees printed."""
+    """The result of a first contact. steps: the arm's travel, in printed degrees."""
 
     known: ContactFindings | None
     transcript: list[dict[str, Any]]
@@ -212,20 +212,20 @@ strangers: list[Contact] = []
 
 
 def willing(controller: Controller, consult: Consult) -> str:
-    """Somebody who says yes, and switches arm power on when asked."""
+    """A person who answers yes, and switches arm power on when asked."""
     if consult.about == "power":
         controller.machine.switch_arm_power_on()
     return "Y" if consult.about == "power-up" else "yes"
 
 
 def in_simulated_time(story: Callable[[], Any]) -> Any:
-    """Run it where waiting costs nothing."""
+    """Run a coroutine on simulated time."""
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         return runner.run(story())
 
 
 def wrong(strange: Strange, known: ContactFindings, seen: ArmSeen) -> list[str]:
-    """What was found otherwise than it is; judged by what would go wrong, not by how it is told."""
+    """The findings that differ from the truth, as far as the difference would have consequences."""
     manners, found = strange.manners, known.dialect()
     off = [
         f"{name}: {found.get(name)!r} instead of {truth!r}"
@@ -262,7 +262,7 @@ def wrong(strange: Strange, known: ContactFindings, seen: ArmSeen) -> list[str]:
 
 
 def _farthest(strange: Strange, dialect: Dialect, ours: ArmGeometry) -> float:
-    """mm by which the arm found puts the tool elsewhere, the farthest of joint angles all about."""
+    """The largest error of the tool's position with the identified arm, mm, over many joint angles."""
     from drivers.puma560 import forward
 
     rng = np.random.default_rng(strange.seed)

@@ -29,13 +29,13 @@ from drivers.simcell.controller import LineFault, Mishap
 from tests.fakes.whole_daemon import FASTEST, SLOWEST, Story
 
 STEPS = 100
-"""Of one story."""
+"""The number of steps of a story."""
 HOUSE = settings(
     stateful_step_count=STEPS, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate],
     report_multiple_bugs=False, database=None,
 )  # fmt: skip
 LEAVING_OUT_S = 120.0
-"""How long calls are left out of a story that fails."""
+"""How long a failing story may be shortened."""
 NAMES = sorted({command.name for command in every_command("simulated")} | {"help"})
 LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 USUAL = (
@@ -57,13 +57,13 @@ LEAVES = "\x1d"
 ARGUMENTS = ("", "", "on", "off", "home", "bin", "survey", "cube", "open", "close", "yes", "no", "wait", "2", "every 3",
              "resume", "monitor WHERE", "x", "'", "\\", "# stop", "; enable")  # fmt: skip
 SLOW = ("train", "bundle", "doctor", "calibrate", "preview")
-"""Of the command table, what takes seconds of this computer and moves nothing that others do not."""
+"""Commands that take seconds of real time and cause no motion that others do not cause."""
 HEARD_S = 0.02
-"""After control-C an operator first reads whether there was anything to stop."""
+"""The time in which an operator reads, after control-C, whether there was anything to stop."""
 CAL_S = 20.0
-"""How long CAL takes at most."""
+"""The longest duration of CAL."""
 END_OF_STOP_S = 5.0
-"""How long an arm under way takes to be seen at rest."""
+"""How long a moving arm may take to be reported at rest."""
 CLEAR_MM = -150.0
 """So high a cube in the gripper, which is guarded as if it held none until the next pick has opened it, is clear of
 everything on the table."""
@@ -73,7 +73,7 @@ ODD = (b"\x00", b"\x15", b"\x1b[A", b"\xff\xfe", b"{", b'{"do"', b"[]\n", b"null
 
 
 def words() -> st.SearchStrategy[str]:
-    """A line as an operator types it: mostly what is usual, else any word of the table, its beginning, or near it."""
+    """A line that an operator types: mostly a usual one, else any command, an abbreviation, or a typing error."""
     table = st.builds(
         "{} {}".format, st.sampled_from([n for n in NAMES if n not in SLOW]), st.sampled_from(ARGUMENTS)
     ).map(str.strip)
@@ -90,15 +90,15 @@ def words() -> st.SearchStrategy[str]:
 BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,85,90",
           "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG",
           "EXECUTE SWEEP")  # fmt: skip
-"""What another terminal types."""
+"""Lines that another terminal types."""
 SWEEP = ("DRIVE 1,40,100", "SPEED 300 ALWAYS", "DRIVE 2,-10,100", "DRIVE 1,45,100")
-"""A program that the controller has until it is switched off."""
+"""A program that the controller keeps until it is switched off."""
 FAR_MM = [0.0, 0.0, 1e4]
-"""Where no place can be."""
+"""A position that no place can have."""
 JOGS_DEG = st.sampled_from([-90.0, -40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0, 90.0])
 FRONTEND, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
-"""What the arm was sent to do, and how long ago."""
+"""The command that set the arm to work, and how long ago."""
 STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
 
 
@@ -107,7 +107,7 @@ Going = tuple[str, float] | None
 
 
 def kept(act: Callable[..., None]) -> Callable[..., None]:
-    """A rule whose calls are kept in the story's script."""
+    """A rule whose calls are recorded in the story's script."""
 
     @wraps(act)
     def keeping(machine: Surprises, **values: Any) -> None:
@@ -118,13 +118,13 @@ def kept(act: Callable[..., None]) -> Callable[..., None]:
 
 
 class Surprises(RuleBasedStateMachine):
-    """See the module. Doors 0 to 2 are at the socket, 3 is the serial terminal."""
+    """The state machine. Frontends 0 to 2 are at the socket, 3 is the serial terminal."""
 
     story: Story | None = None
     steps = 0
-    """Of all stories together."""
+    """The number of steps of all stories."""
     last: list[Call]
-    """What the last story did."""
+    """The calls of the last story."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -136,7 +136,7 @@ class Surprises(RuleBasedStateMachine):
     )  # fmt: skip
     @kept
     def begin(self, may: str, holds: bool, parts: int, at_end: bool, ready: bool) -> None:
-        """A cell and a daemon; ready: enabled already."""
+        """Make a cell and a daemon; ready: already enabled."""
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
         self.story.cell.controller.machine.memory.programs["SWEEP"] = SWEEP
         if ready:
@@ -159,7 +159,7 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def do_at_once(self, frontend: int, texts: list[str], seconds: float, first: bool) -> None:
-        """Lines typed ahead."""
+        """An operator types several lines at once."""
         self.set_to_work(first)
         for text in texts:
             self.there.frontends[frontend].say(text)
@@ -168,7 +168,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(frontend=FRONTEND, how=st.sampled_from(STOPS), going=GOING)
     @kept
     def stop_on_the_way(self, frontend: int, how: str, going: Going) -> None:
-        """The arm goes somewhere and is stopped, mostly before it is there."""
+        """The arm moves and is stopped, mostly before it arrives."""
         self.send_off(going)
         if how == "control-C":
             self.there.frontends[frontend].interrupt()
@@ -185,7 +185,7 @@ class Surprises(RuleBasedStateMachine):
     )  # fmt: skip
     @kept
     def talk_to_the_controller(self, frontend: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
-        """An operator takes the controller's own terminal, mostly until he comes back from it."""
+        """An operator uses the controller's own terminal, and mostly leaves it again."""
         self.set_to_work(first)
         self.there.cell.controller.faults.line.clear()  # what is spoiled is no line that anybody typed
         here = self.there.sockets[frontend]
@@ -205,7 +205,7 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def answer(self, frontend: int, text: str, seconds: float) -> None:
-        """An operator answers what is asked, or what is not."""
+        """An operator types an answer, whether or not there is a question."""
         self.there.frontends[frontend].answer(text)
         self.there.wait(seconds)
 
@@ -220,7 +220,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(frontend=FRONTEND, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)), going=GOING)
     @kept
     def odd_bytes(self, frontend: int, data: bytes, going: Going) -> None:
-        """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
+        """Send random bytes and a line end, so that no rest precedes the next line."""
         self.send_off(going)
         if b"\x03" not in data:
             self.there.frontends[frontend].throw(data + (b"\n" if frontend < 3 else b"\x15"))
@@ -229,7 +229,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(frontend=st.integers(0, 2), going=GOING)
     @kept
     def come_again(self, frontend: int, going: Going) -> None:
-        """An operator leaves, and comes again."""
+        """An operator disconnects and reconnects."""
         self.send_off(going)
         self.there.frontends[frontend].close()
         self.there.wait(0.05)
@@ -244,7 +244,7 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def spoil(self, way: Any, harm: Any, after: int, count: int, going: Going) -> None:
-        """Some bytes of the line will be harmed."""
+        """Damage some of the next bytes on the line."""
         self.send_off(going)
         self.there.harm(lambda: self.there.cell.controller.faults.line.append(LineFault(way, harm, after, count)))
 
@@ -272,14 +272,14 @@ class Surprises(RuleBasedStateMachine):
     @rule(text=st.sampled_from(BESIDE), going=GOING)
     @kept
     def type_beside(self, text: str, going: Going) -> None:
-        """Another terminal is on the arm's line: what it types is echoed and answered to us."""
+        """Another terminal types on the arm's line; the daemon receives its echoes and answers."""
         self.send_off(going)
         self.there.type_beside(text)
 
     @rule(joint=st.integers(0, 5), degrees=JOGS_DEG, seconds=SECONDS, at_rest=AT_WORK, going=GOING)
     @kept
     def take_the_pendant(self, joint: int, degrees: float, seconds: float, at_rest: bool, going: Going) -> None:
-        """Somebody at the teach pendant turns a joint: at once, which brakes an arm under way, or once it rests."""
+        """A person turns a joint with the teach pendant: at once, which brakes a moving arm, or once it is at rest."""
         self.send_off(going)
         self.there.by_pendant(joint, degrees, at_rest)
         self.there.wait(seconds)
@@ -301,7 +301,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(joint=st.integers(0, 2), degrees=JOGS_DEG, going=GOING)
     @kept
     def exchange_the_arm(self, joint: int, degrees: float, going: Going) -> None:
-        """The adapter is plugged into another controller, which has just started and whose arm is elsewhere."""
+        """Plug the adapter into another controller, which has just started and whose arm is elsewhere."""
         self.send_off(going)
         self.there.exchange_arm(joint, degrees)
 
@@ -320,14 +320,14 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def harm_a_camera(self, eye: str, how: Any, going: Going) -> None:
-        """A camera goes away, freezes, as it is or under fresh noise, gives half pictures, or is well again."""
+        """A camera disappears, freezes (with or without fresh noise), delivers incomplete images, or recovers."""
         self.send_off(going)
         self.there.cell.camera.set_fault(eye, how)
 
     @rule(seconds=st.sampled_from([0.5, 5.0]), every=st.integers(1, 3), going=GOING)
     @kept
     def fill_the_disk(self, seconds: float, every: int, going: Going) -> None:
-        """No file can be written for a while, or not each time."""
+        """For a while all writes to files fail, or some."""
         self.send_off(going)
         self.there.fill_disk(seconds, every)
 
@@ -355,7 +355,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(going=GOING)
     @kept
     def unplug(self, going: Going) -> None:
-        """The line's adapter is pulled out."""
+        """Unplug the line's adapter."""
         self.send_off(going)
         self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
 
@@ -368,14 +368,14 @@ class Surprises(RuleBasedStateMachine):
         self.set_to_work()
 
     def send_off(self, going: Going) -> None:
-        """The arm is put to work, and sent off some time ago."""
+        """Set the arm to work, and let some time pass."""
         if going is not None:
             self.set_to_work()
             self.there.frontends[0].say(going[0])
             self.there.wait(going[1])
 
     def set_to_work(self, wanted: bool = True) -> None:
-        """See repair."""
+        """Set the arm to work; a rule as `repair` is."""
         if not wanted or self.there.at_work:
             return
         self.there.repair()
@@ -391,7 +391,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]), going=GOING)
     @kept
     def hang(self, seconds: float, going: Going) -> None:
-        """The computer stands still for a while."""
+        """Stall the computer for a while."""
         self.send_off(going)
         self.there.hang(seconds)
 
@@ -409,7 +409,7 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def reload(self, what: str, signal: bool, going: Going) -> None:
-        """Another configuration or calibration is read."""
+        """Reload with another configuration or calibration."""
         self.send_off(going)
         story = self.there
         changes: dict[str, Any] = {
@@ -445,7 +445,7 @@ class Surprises(RuleBasedStateMachine):
     )
     @kept
     def change_the_places(self, at_mm: dict[str, list[float]], signal: bool, going: Going) -> None:
-        """Somebody writes where cubes belong, elsewhere than before, and has it read."""
+        """Write other places for the cubes, and reload."""
         self.send_off(going)
         self.there.write_places(**at_mm)
         if signal:
@@ -459,7 +459,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(text=st.sampled_from(["here spot", "positions drop spot"]), going=GOING)
     @kept
     def name_a_position(self, text: str, going: Going) -> None:
-        """Somebody at another frontend gives a name to where the arm is, perhaps on its way, or takes it away."""
+        """Another frontend names the arm's present position, also while it moves, or removes a name."""
         self.send_off(going)
         self.there.frontends[1].say(text)
         self.there.wait(0.3)
@@ -469,7 +469,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(going=GOING)
     @kept
     def terminate(self, going: Going) -> None:
-        """SIGTERM, its end, and another start."""
+        """Send SIGTERM, wait for the end, and start again."""
         self.send_off(going)
         self.end_and_start()
 
@@ -484,18 +484,18 @@ class Surprises(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([1.0, 5.0, 20.0]))
     @kept
     def wait(self, seconds: float) -> None:
-        """Nobody does anything."""
+        """Let time pass without an action."""
         self.there.wait(seconds)
 
     @property
     def there(self) -> Story:
-        """The story so far."""
+        """The present story."""
         assert self.story is not None
         return self.story
 
     @invariant()
     def nothing_surprises(self) -> None:
-        """The motion monitor's word, after every step."""
+        """Check the motion monitor after every step."""
         type(self).steps += 1
         if self.story is not None:
             found = self.story.violations()
@@ -503,7 +503,7 @@ class Surprises(RuleBasedStateMachine):
             assert self.story.alive, "the daemon is no more"
 
     def teardown(self) -> None:
-        """The end of the story, judged as well."""
+        """End the story and check it."""
         if self.story is not None:
             story, self.story = self.story, None
             found = story.close()
@@ -511,7 +511,7 @@ class Surprises(RuleBasedStateMachine):
 
 
 def live(machine: type[Surprises], options: settings) -> None:
-    """Stories up to the first that surprises. Raises AssertionError with the shortest script that shows it."""
+    """Run stories up to the first failure. Raises AssertionError with the shortest script that reproduces it."""
     try:
         run_state_machine_as_test(machine, settings=options)  # type: ignore[arg-type]
     except Exception as error:
@@ -527,7 +527,7 @@ def live(machine: type[Surprises], options: settings) -> None:
 
 
 def surprise(script: list[Call]) -> str:
-    """What is wrong with a story of these calls, "" for nothing."""
+    """The failure of a story with these calls; "" for none."""
     machine = Surprises()
     try:
         try:
@@ -546,12 +546,12 @@ def _told(error: Exception) -> str:
 
 
 def kind(told: str) -> str:
-    """What stays alike when moments and lengths do not."""
+    """The kind of a failure: its text without times and lengths."""
     return told.partition(" at ")[0]
 
 
 def shortest(script: list[Call], fails: Callable[[list[Call]], bool]) -> list[Call]:
-    """Calls left out as long as it still fails, halves first, single ones last; the first call makes the cell."""
+    """Leave out calls while the story still fails, halves first, single ones last; the first call makes the cell."""
     until_s, size = time.monotonic() + LEAVING_OUT_S, len(script) // 2
     while size and time.monotonic() < until_s:
         start, before = 1, len(script)

@@ -23,7 +23,7 @@ from drivers import puma560
 
 FINE_MM, COARSE_MM, BALLS_MM = 0.5, 4.0, 3.0
 CLOSE_MM = 10.0
-"""A stretch of COARSE_MM that comes no nearer than this to anything holds nothing to look at in fine."""
+"""An interval of COARSE_MM that stays farther than this from everything is not sampled finely."""
 ARM = puma560.ArmGeometry(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
 FRAME_OF = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
 NEAR_SINGULAR, NEARER = 3.0, 2.5
@@ -50,12 +50,12 @@ ROBOT: Any = SimpleNamespace(
     frames=lambda joints: puma560.link_frames(joints, ARM),
     between=lambda a, b, share: puma560.forward(a + share * (b - a), ARM),
 )
-"""The PUMA's geometry as the Robot that the sweep asks."""
+"""The PUMA's kinematics for the sweep."""
 
 
 @dataclass(frozen=True, eq=False)
 class Travel:
-    """One move: from where to what, among which limits."""
+    """One move: its start, its command, its limits."""
 
     start: Reading
     command: MoveCommand
@@ -63,7 +63,7 @@ class Travel:
 
     @property
     def standing(self) -> ArmState:
-        """Enabled, no fault, at the start."""
+        """The arm's state: enabled, no fault, at the start."""
         return ArmState(True, None, self.start.world_from_tool, 0.0)
 
 
@@ -100,7 +100,7 @@ def random_travel(
 
 
 def _post(rng: np.random.Generator, number: int) -> KeepOut:
-    """A post, a light overhead, a neighbour: boxes of 20 to 250 mm a side, some standing on the table."""
+    """A keep-out box of 20 to 250 mm a side (a post, a light, a neighbour); some stand on the table."""
     size = rng.uniform(20.0, 250.0, 3)
     low = rng.uniform([150.0, -600.0, -300.0], [800.0, 600.0, 500.0])
     if rng.integers(2):
@@ -109,7 +109,7 @@ def _post(rng: np.random.Generator, number: int) -> KeepOut:
 
 
 def _place(rng: np.random.Generator, limits: Limits, near: Reading | None = None) -> Reading:
-    """Where the tool is allowed and the arm gets; near: in its configuration."""
+    """A random allowed and reachable pose; near: in the same configuration."""
     while True:
         low = bool(rng.integers(2))
         z = rng.uniform(-296.0, -200.0) if low else rng.uniform(-290.0, 500.0)
@@ -134,7 +134,7 @@ def _place(rng: np.random.Generator, limits: Limits, near: Reading | None = None
 
 
 def _hand(rng: np.random.Generator) -> Array:
-    """(3, 3) a hand that points down, leaning up to 75 degrees any way, turned any way."""
+    """(3, 3): an orientation of the tool that points down, tilted by up to 75 degrees, turned at random."""
     heading, tilt, turn = rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 1.3), rng.uniform(-np.pi, np.pi)
     down = np.diag([1.0, -1.0, -1.0])
     lean = frames.rotation_from_vector(tilt * np.array([np.cos(heading), np.sin(heading), 0.0]))
@@ -142,7 +142,7 @@ def _hand(rng: np.random.Generator) -> Array:
 
 
 def _stands(reading: Reading, limits: Limits) -> bool:
-    """Whether nothing of the body is too near to anything where the arm stands."""
+    """Whether the whole body keeps its clearances at a position of the arm."""
     touch, _, _ = _gaps(puma560.link_frames(reading.joints_rad[None], ARM), limits)
     return bool(touch.min() >= limits.clearance_mm)
 
@@ -177,7 +177,7 @@ def _finer(shares: Array, parts: Array) -> Array:
 
 
 def _links(travel: Travel, shares: Array, least_deg: float) -> Array | None:
-    """(N, 8, 4, 4), None where the arm does not follow."""
+    """(N, 8, 4, 4): the link frames; None where the arm cannot follow."""
     start, command = travel.start, travel.command
     if not command.straight:
         end = _reachable(command.world_from_tool, start.joints_rad)
@@ -211,7 +211,7 @@ def _moved_mm(links: Array, limits: Limits) -> Array:
 
 
 def _at(links: Array, frame: int, middles: Array) -> Array:
-    """(N, M, 3) world, each coordinate of all of them together in memory."""
+    """(N, M, 3): world positions, with each coordinate contiguous in memory."""
     at = np.empty((3, len(links), len(middles)))
     for axis in range(3):
         at[axis] = links[:, frame, axis, :3] @ middles.T + links[:, frame, axis, 3, None]

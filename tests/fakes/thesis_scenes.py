@@ -49,7 +49,7 @@ LIT = Lighting(
     facet_albedo=0.8,
     table_albedo=0.15,
 )
-"""Every face of a part has a grey of its own, and the table is darker than all of them."""
+"""Every face of a part has a different grey, and the table is darker than all of them."""
 
 
 class Shot(NamedTuple):
@@ -71,7 +71,7 @@ def shot(
     rig: StereoRig,
     seed: int = 0,
 ) -> Shot:
-    """The part resting on one of its stable faces in the table's middle, seen from a direction and a distance."""
+    """An image pair of a part on one of its stable faces in the table's middle, from a direction and a distance."""
     rng = np.random.default_rng(seed)
     world_from_part, pose = laid(part, rest, elevation_deg, azimuth_deg, distance_mm)
     light = CellLight(TABLE, LIT)
@@ -100,7 +100,7 @@ def training_shots(rig: StereoRig, distance_mm: float = 560.0) -> list[Shot]:
 
 
 def other_shots(rig: StereoRig, each: int, seed: int = 5) -> Iterator[Shot]:
-    """So many views of each part from anywhere: any rest, azimuth, 25 to 75 degrees up, 500 to 700 mm away."""
+    """Random views of each part: any stable face, any azimuth, elevation 25 to 75 degrees, 500 to 700 mm away."""
     rng = np.random.default_rng(seed)
     for name in dict.fromkeys(name for name, *_ in TRAINING):
         for k in range(each):
@@ -201,7 +201,7 @@ OUTLINES: dict[str, list[tuple[list[tuple[float, float]], float]]] = {
 def laid(
     part: PartShape, rest: int, elevation_deg: float, azimuth_deg: float, distance_mm: float
 ) -> tuple[Array, Array]:
-    """world_from_part on the table, and world_from_cyclopean that looks at its middle from there."""
+    """world_from_part on the table, and world_from_cyclopean of cameras that look at its middle."""
     middle = np.array([*TABLE.centre_mm, TABLE.height_mm])
     world_from_part = frames.rigid(np.eye(3), middle) @ part.rests[rest]
     at = frames.apply(world_from_part, part.centre_of_mass[None])[0]

@@ -1,4 +1,4 @@
-"""A simulated cell that knows fingers and a suction cup, whose lip is farther out than the fingers' grasp."""
+"""A simulated cell with fingers and a suction cup, whose lip is farther out than the point where the fingers grasp."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRIPPERS = {
 
 
 def two_grippers(folder: Path) -> Path:
-    """Write facetd.yaml of such a cell, with its files; returns its path. Nobody has said which is mounted."""
+    """Write facetd.yaml of such a cell, with its files; returns its path. No gripper is selected yet."""
     for name in ("calibration.yaml", "facets.yaml", "parts.yaml"):
         shutil.copy(ETC / name, folder)
     truth = yaml.safe_load((ETC / "simcell.yaml").read_text())

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 PATIENCE_S = 240.0
-"""Beside four busy processes everything takes several times as long; what never comes costs this once."""
+"""With four busy processes everything takes several times as long; a condition that never comes costs this once."""
 POLL_S, LOOP_POLL_S = 0.05, 0.01
 Found = TypeVar("Found")
 

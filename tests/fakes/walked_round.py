@@ -30,12 +30,12 @@ STEP = [(0.0, 0.0), (56.0, 0.0), (56.0, 18.0), (30.0, 18.0), (30.0, 40.0), (0.0,
 
 
 def centred(corners: Array, facets: Any) -> Polyhedron:
-    """About its middle."""
+    """The points relative to their middle."""
     return exact(corners - corners.mean(0), facets)
 
 
 def chamfered() -> Polyhedron:
-    """A block with one long edge cut off, and one corner the way of a roof: no two of its facets are alike."""
+    """A block with one long edge cut off, by different amounts on its two sides."""
     return centred(*prism([(0, 0), (60, 0), (60, 24), (42, 44), (0, 44)], 36.0))
 
 
@@ -76,7 +76,7 @@ async def drawn_cell(seed: int, folder: Path, alone: Any = None) -> AsyncIterato
 
 
 def lay(here: Hours, label: str, rest: int, turn_rad: float) -> Array:
-    """One part alone amid the table on one of its stable faces; gives its corners (K, 3), world."""
+    """Place one part in the table's middle on one of its stable faces; returns its corners (K, 3), world."""
     here.cell.clear()
     rests = len(here.cell.world.shape(label).rests)
     part = here.cell.world.stand(label, rest % rests, *MIDDLE_MM, turn_rad)

@@ -74,15 +74,15 @@ from tests.fakes.simulated_time import SimulatedLoop
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 PIXELS = 0.5
-"""The simulated images are so much smaller than the cell's, each way, and so much sooner seen."""
+"""Scale of the simulated images against the cell's, each way: smaller images are processed faster."""
 SLOWEST, FASTEST = 25.0, 40.0
-"""Percent: what the configuration allows, by turns; the motion monitor allows no more."""
+"""Percent: speed limits that the configuration sets alternately; the motion monitor has the same ones."""
 POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
 """A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
 arm."""
 SPARE_MM = 3.0
 COMPUTED_S = 0.7
-"""What a calculation beside the event loop takes: a look, a plan."""
+"""Duration of a calculation outside the event loop: a look, a plan."""
 MOMENT_S = 1e-7
 """What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
 before."""
@@ -91,60 +91,60 @@ SLICE_S = 0.25
 the daemon says at its sockets is read as it comes."""
 TAUGHT = ("cube", "pentagonal_prism")
 STARTS, TRIES = 5, 4
-"""How often a view is shown again that was not seen whole."""
+"""How often the daemon may start; how often a view that was not seen whole is shown again."""
 END_S = 9.0
-"""The unit's TimeoutStopSec, less what the disk may take."""
+"""The unit's TimeoutStopSec, less the time that the disk may need."""
 HARMED_S = 8.0
-"""How long the arm's stop may take where the line carried it spoiled: all its attempts."""
+"""How long the arm's stop may take, with all its attempts, if the line damages it."""
 STOPPED_S = 2.0
-"""How long a stop typed at a terminal may be on the line."""
+"""How long a stop that is typed at a terminal may be in transit."""
 HELD_STILL_S, NOTICED_S = 10.0, 1.0
 """A daemon that did not run for longer than this lets nothing go on by itself, once it has had so long to notice."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
-"""How an answer begins that says so."""
+"""How an answer begins that reports the arm at rest."""
 READERS = ("load_facets", "load_parts", "load_model")
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
          "resume", "enable")  # fmt: skip
-"""After a word of these the arm may go on after a stop that left no fault."""
+"""Commands after which the arm may move again after a stop that left no fault."""
 
 
 Key = tuple[object, object]
-"""The frontend and which of its lines."""
+"""The frontend, and the number of its line."""
 
 
 class Words:
-    """What operators said, and so what is allowed at most, told to the motion monitor as it is said."""
+    """Tracks the operators' commands, and reports to the motion monitor what they permit."""
 
     def __init__(self, story: Story) -> None:
         self._story = story
         self.enabled, self._stopped = False, False
         self._in_doubt = 0
-        """How often control-C was pressed, and nobody has said yet whether there was anything to stop."""
+        """How many control-Cs are not yet answered with whether there was anything to stop."""
         self._enabling: dict[Key, str] = {}
         self._resuming: set[Key] = set()
         self._stopping: set[Key] = set()
-        """Stops that are not answered yet: the line carries them more than once."""
+        """Stops that are not answered yet: each is typed on the line more than once."""
         self._dry, self._resumed = False, 0
         self._typed: dict[Key, tuple[str, int]] = {}
-        """Lines that are not done yet, and how often somebody had let go what was held when they were typed."""
+        """Lines that are not done yet, with the number of resumes when they were typed."""
         self._by_hand: dict[Key, int | None] = {}
         """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
         be carried out."""
 
     @property
     def allowed(self) -> bool:
-        """Whether the arm may move as far as people know."""
+        """Whether the arm may move, according to the operators' commands."""
         stopped = self._in_doubt or (self._stopped and not self._resuming)
         return (self.enabled or bool(self._enabling)) and not stopped and not self._dry
 
     @property
     def _sent_off(self) -> bool:
-        """Whether somebody waits for a motion: a line that was opened meanwhile has its stop tried before it."""
+        """Whether an operator waits for a motion: on a line that was reopened the stop is tested before it."""
         lines = (text for key, (text, _) in self._typed.items() if isinstance(key[0], SocketOperator))
         return any(is_word(first_word(line), known) for line in lines for known in MOVES)
 
     def said(self, text: str, key: Key, may: str) -> None:
-        """A line was typed at a frontend that may do so much; key: of the answer to come."""
+        """A line was typed at a frontend with these rights; key: that of its future answer."""
         word = first_word(text)
         motion_monitor, now_s = self._story.cell.motion_monitor, self._story.stamp_s()
         if is_word(word, "stop"):
@@ -178,7 +178,7 @@ class Words:
         self._tell(any(is_word(word, known) for known in MOVES))
 
     def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
-        """What lets moves go counts as it is typed, and as it is done; what holds them, when it is done."""
+        """A release of moves counts when it is typed and when it is done; a hold, when it is done."""
         self._typed[key] = text, self._resumed
         self._let_go(text, now_s)
         if is_word(first_word(text), "confirm") or text.lower().startswith("y"):
@@ -197,7 +197,7 @@ class Words:
             self._dry = False
 
     def _holds(self, key: Key) -> None:
-        """A line is done that may hold what moves."""
+        """A line is done that may hold moves."""
         text, resumed = self._typed.get(key, ("", 0))
         word, motion_monitor, now_s = first_word(text), self._story.cell.motion_monitor, self._story.stamp_s()
         self._let_go(text, now_s)
@@ -211,7 +211,7 @@ class Words:
             self._dry = True
 
     def answered(self, key: Key, text: str, status: int) -> None:
-        """What came of a line."""
+        """A line was answered."""
         if status == 0:
             self._holds(key)
         self._typed.pop(key, None)
@@ -232,14 +232,14 @@ class Words:
         self._tell("Auto resumed; `auto off`" in text)
 
     def agreed(self, question: str) -> None:
-        """A yes to a question."""
+        """A question was answered with yes."""
         self._story.cell.motion_monitor.yes(self._story.stamp_s())
         if "Enable the arm and continue" in question:
             self.enabled = True
         self._tell(True)
 
     def pressed(self, keys: str) -> None:
-        """What a person types to the controller is theirs, and so is a line of which something was rubbed out."""
+        """A person typed to the controller: such a line counts as theirs, also one of which they erased a part."""
         motion_monitor, now_s, line = self._story.cell.motion_monitor, self._story.stamp_s(), keys.strip()
         for end in range(1, len(line) + 1):
             motion_monitor.by_hand(now_s, line[:end])
@@ -248,18 +248,18 @@ class Words:
         self._tell(True)
 
     def stop(self, why: str) -> None:
-        """Somebody wants it to stop, or the daemon says that a fault stands."""
+        """Somebody requested a stop, or the daemon reports an active fault."""
         self._stopped = True
         self._resuming.clear()
         self._received(why)
 
     def interrupted(self) -> None:
-        """Control-C: a stop, until it is known that there was nothing to stop."""
+        """Control-C: counts as a stop until the daemon answers that there was nothing to stop."""
         self._in_doubt += 1
         self._received("control-C")
 
     def settled(self, stopped: str | None) -> None:
-        """What came of a control-C; None: it found nothing to stop, and left no fault."""
+        """A control-C was answered; None: it found nothing to stop, and left no fault."""
         self._in_doubt -= 1
         if stopped is None:
             self._tell(True)
@@ -267,12 +267,12 @@ class Words:
             self.stop(stopped)
 
     def disabled(self) -> None:
-        """The daemon says so, or something has happened after which only another `enable` lets the arm move."""
+        """The daemon reports it, or an event occurred after which only another `enable` permits motion."""
         self.enabled = False
         self._tell(False)
 
     def held_still(self) -> None:
-        """The daemon did not run for long: what was going on before goes on by nobody's leave but a new one."""
+        """The daemon was stalled for long: earlier work may continue only with a new permission."""
         if self.enabled and not self._stopped:
             resumed = self._resumed
             self._story.loop.call_later(NOTICED_S, lambda: self._resumed != resumed or self.stop("held still"))
@@ -287,12 +287,12 @@ class Words:
         self._tell(False)
 
     def gone(self, frontend: SocketOperator) -> None:
-        """Nobody is there any more who could read what came of a stop."""
+        """The operator has disconnected, so that nobody reads the answer to a stop."""
         self._stopping = {key for key in self._stopping if key[0] is not frontend}
         self._tell(False)
 
     def over(self) -> None:
-        """The daemon ends, and what was said to it with it."""
+        """The daemon ends, and so do the commands that were given to it."""
         self.enabled = self._dry = False
         self._enabling.clear()
         self._resuming.clear()
@@ -309,7 +309,7 @@ class Words:
 
 
 def first_word(text: str) -> str:
-    """What the daemon may take for the command, however it is quoted."""
+    """The word that the daemon may take for the command, however it is quoted."""
     try:
         words = shlex.split(text, comments=True)
     except ValueError:
@@ -326,7 +326,7 @@ def typed_to_controller(text: str) -> str:
 
 
 def is_word(typed: str, name: str) -> bool:
-    """Whether what was typed may be taken for a command: all of it, or its beginning."""
+    """Whether typed text may be taken for a command: the whole word, or an abbreviation."""
     return typed == name or (len(typed) >= 3 and name.startswith(typed))
 
 
@@ -341,17 +341,17 @@ class SocketOperator:
     question: tuple[int, str] | None = None
     heard: bytes = b""
     at_controller: bool = False
-    """Whether what is typed here goes to the controller."""
+    """Whether typed text goes to the controller."""
     number: int = 0
     answered: int = 0
     interrupts: int = 0
     stops: int = 0
-    """Control-Cs, and stops typed as answers, of which nothing was said yet."""
+    """Control-Cs, and stops typed as answers, that are not answered yet."""
     withdrawn: list[Key] = field(default_factory=list)
-    """What else was typed as an answer and takes the leave to move, of which nothing was said yet."""
+    """Other lines that were typed as answers, withdraw the permission to move, and are not answered yet."""
 
     def open(self) -> None:
-        """Connect, where there is a daemon."""
+        """Connect if a daemon runs."""
         self.close()
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -377,7 +377,7 @@ class SocketOperator:
 
     @property
     def waits(self) -> bool:
-        """Whether something typed here is not answered yet."""
+        """Whether a typed line is not answered yet."""
         return self.line is not None and self.answered < self.number
 
     def say(self, text: str) -> None:
@@ -387,7 +387,7 @@ class SocketOperator:
             self.story.words.said(text, (self, self.number), self.may)
 
     def answer(self, text: str) -> None:
-        """Type an answer to what is asked; where nothing is, to nothing."""
+        """Type an answer, whether or not there is a question."""
         number, question = self.question or (None, "")
         if self.send({"answer": text, "id": number}):
             word = first_word(text)
@@ -401,13 +401,13 @@ class SocketOperator:
                 self.story.words.agreed(question)
 
     def throw(self, data: bytes) -> None:
-        """What nobody types; at the controller's own terminal it may be keys all the same."""
+        """Send random bytes; at the controller's own terminal they may count as keys."""
         self.send_bytes(data)
         if self.at_controller and b'"keys"' in data:
             self.story.words.pressed(json.loads(data)["keys"])
 
     def press(self, keys: str) -> None:
-        """Keys at the controller's own terminal; where it is not open, to nobody."""
+        """Press keys at the controller's own terminal, whether or not it is open."""
         if self.send({"keys": keys}):
             self.story.words.pressed(keys)
 
@@ -422,7 +422,7 @@ class SocketOperator:
         self.story.words.settled(stopped)
 
     def send(self, message: dict[str, Any]) -> bool:
-        """One message; False where nobody is there."""
+        """Send one message; False where no daemon is connected."""
         return self.send_bytes(json.dumps(message).encode() + b"\n")
 
     def send_bytes(self, data: bytes) -> bool:
@@ -437,7 +437,7 @@ class SocketOperator:
         return True
 
     def hear(self) -> None:
-        """Read what was said."""
+        """Read the daemon's messages."""
         while self.line is not None:
             try:
                 data = self.line.recv(1 << 16)
@@ -486,7 +486,7 @@ class SocketOperator:
 
 @dataclass(eq=False)
 class SerialOperator:
-    """An operator at the serial terminal, of which the daemon has the other end."""
+    """An operator at the serial terminal; the daemon has its other end."""
 
     story: Story
     may: str
@@ -499,7 +499,7 @@ class SerialOperator:
         self.device = os.ttyname(self._slave)
 
     def say(self, text: str) -> None:
-        """Type a line, and words typed ahead in it."""
+        """Type a line, possibly with more commands typed ahead in it."""
         for line in text.splitlines():
             self.story.words.said(line, (self, line), self.may)
         self.send_bytes(text.encode("latin-1", "replace") + b"\r")
@@ -507,11 +507,11 @@ class SerialOperator:
     answer = say
 
     def interrupt(self) -> None:
-        """Control-C: here it is not told whether there was anything to stop; so only what is said of it counts."""
+        """Control-C. A terminal does not show whether there was anything to stop, so only the answer's text counts."""
         self.send_bytes(b"\x03")
 
     def send_bytes(self, data: bytes) -> bool:
-        """Type, and see that it arrived: a terminal takes its own time for that."""
+        """Type, and wait until the bytes have arrived: a terminal takes its own time."""
         while True:
             try:
                 os.write(self._master, data)
@@ -523,11 +523,11 @@ class SerialOperator:
         return True
 
     def throw(self, data: bytes) -> None:
-        """What nobody types."""
+        """Send random bytes."""
         self.send_bytes(data)
 
     def open(self) -> None:
-        """It is never away."""
+        """Do nothing: a serial terminal is always connected."""
 
     def hear(self) -> None:
         """Take from the line what is shown. Nothing is concluded from it, because a terminal shows it when it likes:
@@ -545,7 +545,7 @@ class SerialOperator:
 
 
 class TakesTime(ComputesHere):
-    """A worker whose calculations take the cell's time, in which anything may happen, and none of this computer's."""
+    """A worker whose calculations take simulated time, in which anything may happen, but no real time."""
 
     async def __call__(self, function: Callable[..., Any], /, *args: Any) -> Any:
         """See Compute."""
@@ -555,7 +555,7 @@ class TakesTime(ComputesHere):
 
 
 class AtOnce:
-    """The run log's writer without a thread, for which nobody here waits either."""
+    """The run log's writer without a thread; it writes at once."""
 
     waiting = 0
 
@@ -572,7 +572,7 @@ class AtOnce:
 
 
 class NoSyncer:
-    """What is written is on the disk, without a thread that sees to it."""
+    """A syncer without a thread: whatever is written counts as being on the disk."""
 
     def __init__(self, every_s: float, done: object) -> None:
         pass
@@ -592,10 +592,10 @@ class NoSyncer:
 
 
 class BareTable(SimulatedOperator):
-    """Strews no parts when the daemon starts."""
+    """A table without parts when the daemon starts."""
 
     def scatter(self, labels: Sequence[str] = ()) -> None:
-        """Strew those told by name."""
+        """Scatter the named parts."""
         super().scatter(labels)
 
 
@@ -649,10 +649,10 @@ def read_once(load: Callable[[Path], Any]) -> Callable[[Path], Any]:
 
 
 class Story:
-    """A daemon, its cell and its operators, from the first to the last of what happens to them."""
+    """A daemon, its cell and its operators, from the first to the last event of a story."""
 
     def __init__(self, may: str = "all", holds: bool = False, parts: bool = False, prompt_at_end: bool = False) -> None:
-        """may: of the terminal; holds: a part is in the hand to begin with; parts: some lie on the table."""
+        """may: the terminal's rights; holds: the gripper holds a part at first; parts: some are on the table."""
         base = "/dev/shm" if os.path.isdir("/dev/shm") else None
         self.folder = Path(tempfile.mkdtemp(prefix="facetd-", dir=base))
         self.loop, self.set_by_s, self._parts = SimulatedLoop(), 0.0, parts
@@ -693,15 +693,15 @@ class Story:
 
     @property
     def now_s(self) -> float:
-        """The cell's time."""
+        """The cell's time, s."""
         return self.loop.time()
 
     def cell_clock(self) -> float:
-        """What the daemon measures motion and looks by: no wall clock, which somebody may set."""
+        """The daemon's monotonic clock for motion and looks; nobody can set it, unlike the wall clock."""
         return self.loop.time()
 
     def stamp_s(self) -> float:
-        """The moment of what is typed now: after all that was typed before."""
+        """The time stamp of text typed now: after everything that was typed before."""
         self._stamp_s = max(self.now_s, self._stamp_s) + MOMENT_S
         return self._stamp_s
 
@@ -712,7 +712,7 @@ class Story:
 
     @property
     def at_work(self) -> bool:
-        """Whether the arm would go where it is sent. Nothing is judged by this."""
+        """Whether the arm would execute a move. No violation is derived from this."""
         context, machine = self._service.context, self.cell.controller.machine
         if not self.alive or context is None or self.cell.controller.question is not None:
             return False
@@ -721,7 +721,7 @@ class Story:
         return bool(state["enabled"]) and not held and machine.arm_power and machine.calibrated
 
     def start(self) -> None:
-        """Start the daemon, as systemd would: again, where a device could not be had."""
+        """Start the daemon as systemd would: again, if a device was not available."""
         if self.alive:
             return
         self.others.spoilt()
@@ -741,7 +741,7 @@ class Story:
             self.cell.clear()
 
     def wait(self, seconds: float) -> None:
-        """Time passes."""
+        """Let simulated time pass."""
         until_s = self.now_s + seconds
         while True:
             left_s = max(0.0, until_s - self.now_s)
@@ -752,7 +752,7 @@ class Story:
                 return
 
     def wait_for(self, frontend: SocketOperator, seconds: float) -> None:
-        """Time passes until what was typed at a frontend is answered, or it asks; no more than so much."""
+        """Let time pass until a frontend's lines are answered, or it asks a question, or a time limit."""
         until_s = self.now_s + seconds
         while frontend.waits and frontend.question is None and self.now_s < until_s:
             self.wait(SLICE_S)
@@ -764,7 +764,7 @@ class Story:
         )
 
     def hang(self, seconds: float) -> None:
-        """The computer does nothing for a while."""
+        """Stall the computer for a while."""
         self.harm()
         self.loop.sleep(seconds)
         if seconds > HELD_STILL_S:
@@ -772,7 +772,7 @@ class Story:
         self.wait(0.0)
 
     def may_move(self, allowed: bool, wanted: bool) -> None:
-        """What the operators' words come to; wanted: somebody asked for motion now."""
+        """Report to the motion monitor what the operators permit; wanted: somebody requested motion now."""
         if allowed != self._allowed or (allowed and wanted):
             self.cell.motion_monitor.may_move(self.stamp_s(), allowed)
         self._allowed = allowed
@@ -789,7 +789,7 @@ class Story:
         self.others.told(text)
 
     def harm(self, act: Callable[[], object] = lambda: None) -> None:
-        """Something happens to the line or the controller: for a while a stop may not get through."""
+        """Disturb line or controller: for a while a stop may not get through."""
         if not self._deaf:
             self.cell.motion_monitor.line(self.now_s, hears=False)
         self._deaf, self._clear_s = True, self.now_s
@@ -797,7 +797,7 @@ class Story:
         act()
 
     def mishap(self, what: Mishap) -> None:
-        """Something happens to the controller."""
+        """Disturb the controller."""
         with self.cell.server.controller() as controller:
             self.harm(lambda: controller.mishap(what))
 
@@ -831,7 +831,7 @@ class Story:
             self.cell.controller.machine.hand_closed = True
 
     def exchange_arm(self, joint: int, degrees: float) -> None:
-        """Behind the adapter there is another controller: just started, its arm elsewhere."""
+        """Connect the adapter to another controller, which has just started and whose arm is elsewhere."""
         self.harm(self.cell.server.unplug)  # type: ignore[union-attr]
         with self.cell.server.controller() as controller:
             controller.mishap(Mishap.POWER_CYCLED)
@@ -855,7 +855,7 @@ class Story:
             world.remove(lying[0].name)
 
     def fill_disk(self, seconds: float, every: int = 1) -> None:
-        """Of what is written to files meanwhile one in so many writes fails."""
+        """Let one in so many writes to files fail."""
         with failing_writes(lambda number: number % every == 0):
             self.wait(seconds)
 
@@ -868,7 +868,7 @@ class Story:
             context.use_model("accept", None)
 
     def repair(self) -> None:
-        """Somebody goes and puts line, power and controller right."""
+        """Repair line, power and controller."""
         faults = self.cell.controller.faults
         faults.line.clear()
         faults.in_move.clear()
@@ -883,7 +883,7 @@ class Story:
             controller.machine.switch_arm_power_on()
 
     def write_config(self, **changes: Any) -> None:
-        """Another configuration, which nobody has read yet."""
+        """Write another configuration; the daemon has not read it yet."""
         _write_config(self.folder, self.terminal, **changes)
 
     def write_places(self, **at_mm: list[float]) -> None:
@@ -893,12 +893,12 @@ class Story:
         (self.folder / "state" / "places.yaml").write_text(yaml.safe_dump({"version": 1, "places": places}))
 
     def hang_up(self) -> None:
-        """SIGHUP: read the configuration."""
+        """Send SIGHUP: the daemon reads the configuration."""
         if self.alive:
             os.kill(os.getpid(), signal.SIGHUP)
 
     def terminate(self) -> int:
-        """SIGTERM, and the daemon's whole end; its exit status."""
+        """Send SIGTERM and wait for the daemon's end; returns its exit status."""
         if not self.alive:
             return 0
         assert self._live is not None
@@ -913,11 +913,11 @@ class Story:
         return self._live.result()
 
     def violations(self) -> tuple[Violation, ...]:
-        """What the arm did that it must never do, and parts that count as picked and are not in the bin."""
+        """Forbidden motions of the arm, and parts that count as picked but are not in the bin."""
         return (*self.cell.violations(), *self._picked_and_not_brought(), *self.others.violations())
 
     def _picked_and_not_brought(self) -> tuple[Violation, ...]:
-        """Where more picks ended with `picked` than parts fell into the bin."""
+        """A line if more picks ended with `picked` than parts fell into the bin."""
         history = self.cell.controller.machine.history
         first, events = history.since(self._seen)
         self._seen = first + len(events)
@@ -932,7 +932,7 @@ class Story:
         return (Violation("not in the bin", self.now_s, "pick", text),)
 
     def close(self) -> tuple[Violation, ...]:
-        """The end of the story, and what was found up to it."""
+        """End the story; returns all violations."""
         try:
             self.repair()
             status = self.terminate()
@@ -968,7 +968,7 @@ class Story:
             self.cell.motion_monitor.line(self.now_s, hears=True)
 
     def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
-        """daemon/cell/build.py's simulated hardware, but for the line and the clock."""
+        """Build the simulated hardware as daemon/cell/build.py does, with another line and clock."""
         geometry, manners = arm_geometry(config), dialect(config)
         link = Link(
             "memory",
@@ -1013,7 +1013,7 @@ def _write_config(folder: Path, terminal: SerialOperator, **pick: Any) -> None:
 
 @cache
 def _shipped_room() -> dict[str, list[float]]:
-    """Walls and ceiling of the cell of etc/, as its configuration has them."""
+    """Walls and ceiling of the cell of etc/, from its configuration."""
     limits = yaml.safe_load((ETC / "facetd.yaml").read_text(encoding="utf-8"))["pick"]["limits"]
     return {name: limits[name] for name in ("room_low_mm", "room_high_mm")}
 
