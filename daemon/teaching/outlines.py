@@ -10,15 +10,11 @@ from daemon.arrays import Array, Index
 from daemon.teaching.blends import Blends, borders
 from daemon.teaching.curved_surfaces import STRIP_RAD
 from daemon.teaching.flat_regions import FlatRegions
-from daemon.vision.geometry import fit_circle
+from daemon.vision.geometry import chord_turns, fit_circle
 
 STRAIGHT_RAD = np.radians(0.4)
 """A border that turns by less has no corner there, but continues a side; two facets that turn by a little more are
 one."""
-CHORD_MM = 0.6
-"""How far the chords of an arc are off it, half inside and half outside, so that an arc of 10 mm and more has chords
-long enough for a look (12 px). On 19 rendered looks at parts with rounded ends 12 were named right with this value, 8
-with 0.3 and 2 with larger ones."""
 ON_CIRCLE_MM = 0.05
 ARC_POINTS, FEWEST_POINTS = 7.6, 9
 """Points on an arc: for each radian, and at least; as on a round hole's rim."""
@@ -101,9 +97,7 @@ def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) ->
 
 def _arc(points: Array, closed: bool, near_mm: float) -> tuple[Array, Array] | None:
     """(N, 3) the corners of chords along points (M, 3) on a circle, without the ends where it is open, and (K, 3)
-    points on the arc itself, from end to end; None where they are on none. The chords lie as far inside the circle at
-    their middles as outside at their ends; round a whole circle there are four, or a multiple, so that turns of a part
-    onto itself stay such."""
+    points on the arc itself, from end to end; None where they are on none."""
     middle = points.mean(axis=0)
     x, y, normal = np.linalg.svd(points - middle)[2]
     flat = (points - middle) @ np.column_stack([x, y])
@@ -112,11 +106,8 @@ def _arc(points: Array, closed: bool, near_mm: float) -> tuple[Array, Array] | N
         return None
     angles = np.unwrap(np.arctan2(*(flat - centre).T[::-1]))
     sweep = float(angles[-1] - angles[0])
-    step = 2 * np.arccos(max(1 - CHORD_MM / radius, 0.5))
-    count = max(int(np.ceil(abs(sweep) / step)), 1)
-    count = 4 * int(np.ceil(count / 4)) if closed else count
-    at = angles[0] + sweep * (np.arange(count) if closed else np.arange(1, count)) / count
-    out = 2 / (1 + np.cos(sweep / count / 2))
+    shares, out = chord_turns(radius, sweep, closed)
+    at = angles[0] + sweep * shares
     along = angles[0] + sweep * np.linspace(0, 1, max(int(ARC_POINTS * abs(sweep)), FEWEST_POINTS))
     chords, arc = (
         middle + (centre + size * radius * np.column_stack([np.cos(turn), np.sin(turn)])) @ np.array([x, y])

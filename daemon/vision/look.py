@@ -18,7 +18,7 @@ from daemon.vision.evidence import (
     verified_names,
     without_overlaps,
 )
-from daemon.vision.facets import TablePlane, facets_seen, with_lone_outlines, without_table
+from daemon.vision.facets import TablePlane, facets_seen, round_facets, with_lone_outlines, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.hypotheses import prepare
@@ -133,8 +133,9 @@ class _ByFacets(NamedTuple):
 def _by_facets(
     eyes: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _ByFacets:
-    """What facets name with some effort."""
-    seen = facets_seen(eyes, effort)
+    """What facets name with some effort. Those with arcs are looked for where nothing is taught, to be taught: what is
+    taught with arcs is named by its edges, with or without them."""
+    seen = facets_seen(eyes, effort, [] if known.labels else round_facets(eyes))
     start = now()
     view = seen if table is None else without_table(seen, table)
     holes = partial(hole_nats, eyes=eyes, tolerance_mm=known.parameters.tolerance_mm)

@@ -15,7 +15,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron, united
+from daemon.vision.geometry import OutlineArc, Polyhedron, united
 
 MeasuredCorners = tuple[Array, Array]
 """Corners (N, 2) px in one image, and their covariance (N, 2, 2)."""
@@ -50,7 +50,8 @@ class Facet:
     corners_mm (N, 3) in the cyclopean frame; covariance_mm2 (N, 3, 3); left_px, right_px (N, 2) distorted px, corner by
     corner; epipolar_px (N,) distance of each right corner from its epipolar line; planarity_mm rms distance of the
     corners from their best plane; type is the facet library's name, or `polygon<N>` or `arc<degrees>` where it has
-    none; type_number in (0, 1) (thesis section 4.4.1), 0 while untyped.
+    none; type_number in (0, 1) (thesis section 4.4.1), 0 while untyped. arcs: points (K, 3) mm along each arc of its
+    outline, from end to end; among the corners chords stand for it, as OutlineArc says.
     """
 
     corners_mm: Array
@@ -61,6 +62,7 @@ class Facet:
     planarity_mm: float
     type: str = "untyped"
     type_number: float = 0.0
+    arcs: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,9 @@ class Group:
     def polyhedron(self) -> Polyhedron:
         """The facets with the corners they share united, cyclopean, of the facets' types."""
         corners, covariance = ([getattr(f, name) for f in self.facets] for name in ("corners_mm", "covariance_mm2"))
-        return united(self.rings, np.concatenate(corners), np.concatenate(covariance), [f.type for f in self.facets])
+        solid = united(self.rings, np.concatenate(corners), np.concatenate(covariance), [f.type for f in self.facets])
+        arcs = tuple(OutlineArc(k, points) for k, facet in enumerate(self.facets) for points in facet.arcs)
+        return replace(solid, arcs=arcs) if arcs else solid
 
     @property
     def touching(self) -> Flags:

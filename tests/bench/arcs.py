@@ -2,10 +2,10 @@
 
 Discs, knobs, half discs, stadiums, quarters and blocks with a bore, each taught from drawings in three sizes whose
 radii are SIZES of the middle one's and all else alike; the middle one lies on the simulated cell's table, half of the
-tables patterned, half of the parts printed. Typed: of the facets with an arc that both cameras meet under 60 degrees,
-those that a look without a model calls `arc`, and those of whose arc both cameras show a circle; of the latter, the
-radius. Named: with all three taught, and the other two as strangers. Where: corners, and centres of arcs and bores, of
-named parts.
+tables patterned, half of the parts printed. Typed: of the facets with an arc in their outline that both cameras meet
+under 60 degrees, those that a look without a model gives the drawing's type. Circles: of all arcs, bores' as well,
+those that both cameras show as a circle, and its radius. Named: with all three taught, and the other two as strangers.
+Where: corners, and centres of arcs and bores, of named parts.
 
 usage: python -m tests.bench arcs, or python -m tests.bench.arcs [SEEDS [FIRST]]
 """
@@ -22,13 +22,12 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.vision.facets import facets_seen
+from daemon.vision.facets import circles_seen
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.hypotheses.circles import circles_seen, rims_of
+from daemon.vision.hypotheses.circles import rims_of
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import symmetries
-from daemon.vision.settings import VisionSettings
 from tests.bench.machined import Look, on_table
 from tests.fakes.drawn import obj, prism
 from tests.fakes.holed import holed_block, rounded
@@ -47,10 +46,12 @@ OUTCOMES = "right", "silent", "misplaced", "WRONG"
 
 @dataclass
 class Tally:
-    """arcs of facets that both cameras meet well; of those: typed so, seen as circles, with a good radius; what names
+    """arcs of facets that both cameras meet well; of those: outer ones, in outlines, and these typed as in the drawing;
+    seen as circles, with a good radius; what names
     came to, by what was taught; how far off radii (share), corners and centres of bores (mm) are."""
 
     arcs: int = 0
+    outer: int = 0
     typed: int = 0
     circles: int = 0
     good: int = 0
@@ -70,8 +71,8 @@ def main(arguments: list[str] | None = None) -> None:
         for seed in range(first, first + seeds):
             _look_at(kind, seed, tally)
     many = max(tally.arcs, 1)
-    print(f"{tally.arcs} arcs met under 60 degrees: typed {tally.typed / many:.0%}, seen as circles in space"
-          f" {tally.circles / many:.0%}, to {OF_RADIUS:.0%} of their radius {tally.good / many:.0%}")  # fmt: skip
+    print(f"{tally.arcs} arcs met under 60 degrees: {tally.typed} of {tally.outer} in outlines typed")
+    print(f"seen as circles {tally.circles / many:.0%}, to {OF_RADIUS:.0%} of their radius {tally.good / many:.0%}")
     for which in ("three sizes", "the other two"):
         print(f"{which} taught: " + ", ".join(f"{what} {tally.names[which, what]}" for what in OUTCOMES))
     for name, values, unit in (
@@ -119,8 +120,8 @@ def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, li
 def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> None:
     """Whether pictures without a model type the arcs that they show well, and their radii as circles in space."""
     eyes = open_stereo(shown.left, shown.right, shown.rig)
-    facets = [facet for group in facets_seen(eyes, VisionSettings()).groups for facet in group.facets]
-    rims = rims_of(solid)
+    facets = [facet for part in look(shown.left, shown.right, shown.rig).parts for facet in part.facets]
+    rims, kinds = rims_of(solid), {kind for kind in solid.types if kind.startswith("arc")}
     seen = circles_seen(eyes, np.array([rim.radius_mm for rim in rims]))
     for rim in rims:
         centre, normal = frames.apply(true, rim.centre_mm[None])[0], true[:3, :3] @ rim.normal
@@ -128,10 +129,12 @@ def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> 
         if min(normal @ way for way in towards) < MET_AT_LEAST:
             continue
         tally.arcs += 1
-        tally.typed += any(
-            facet.type.startswith("arc") and np.linalg.norm(facet.corners_mm.mean(0) - centre) < 2 * rim.radius_mm
-            for facet in facets
-        )
+        if rim.outer:
+            tally.outer += 1
+            tally.typed += any(
+                facet.type in kinds and np.linalg.norm(facet.corners_mm.mean(0) - centre) < 2 * rim.radius_mm
+                for facet in facets
+            )
         near = [
             abs(one.radius_mm / rim.radius_mm - 1) for one in seen if np.linalg.norm(one.centre_mm - centre) < NEAR_MM
         ]

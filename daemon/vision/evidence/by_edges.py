@@ -199,7 +199,8 @@ def _proven(
         if ahead and _proven_if_cut_off(one, confidence, search):
             measured = measured_at(one.solid, one.pose, eyes, search.model, one.seen)
             tolerance = search.model.parameters.tolerance_mm
-            if other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance) < OTHER_SIZE:
+            size_nats = other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance)
+            if measured.facets and size_nats < OTHER_SIZE:  # of edges alone, without a facet, no part is made
                 same = [other for other in laid if other.label == one.label and other.overlaps(one)]
                 found.append(placed(one, measured, confidence, same, search))
     return taken, found, ()

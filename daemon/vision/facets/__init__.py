@@ -1,6 +1,8 @@
 """Two sets of outlines -> facets in space, grouped, corners welded once; several looks fused. Nothing is named."""
 
+from daemon.vision.facets.arc_rings import round_facets
 from daemon.vision.facets.candidates import triangulate
+from daemon.vision.facets.circles import FARTHEST_MM, NEAREST_MM, SeenCircle, circles_seen, differs_mm
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
 from daemon.vision.facets.grouping import connected, merge_vertices
 from daemon.vision.facets.looks_adjustment import shared_motion

@@ -113,10 +113,10 @@ def _agreement(a: Fitted, b: Fitted) -> float:
 def choose(
     candidates: list[Candidate], settings: VisionSettings
 ) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
-    """Of candidates that cover each other in either eye, the worthiest; and those refused, with the reason: one that is
-    not flat is two facets."""
+    """Of candidates that cover each other in either eye, the worthiest, one with arcs before one whose sides are all
+    straight; and those refused, with the reason: one that is not flat is two facets."""
     chosen, refused = list[Candidate](), list[tuple[Candidate, str]]()
-    for c in sorted(candidates, key=lambda c: -c.worth):
+    for c in sorted(candidates, key=lambda c: (not c.facet.arcs, -c.worth)):
         if _flatness_sigmas(c.facet) > settings.planarity_sigmas:
             refused.append((c, "its corners do not lie in one plane: it is two facets"))
         elif not any(c.covers(k) > COVERED for k in chosen):

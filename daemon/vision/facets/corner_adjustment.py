@@ -6,7 +6,7 @@ A corner shared by facets is one point; a facet's corners lie on its plane. Noth
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from daemon.arrays import Array, Index
 from daemon.vision.facets.candidates import Candidate
 from daemon.vision.geometry import Baseline, RectifiedCamera, robust_weight, solve, whitener
 from daemon.vision.image import Sides
-from daemon.vision.values import Facet, Group
+from daemon.vision.values import Group
 
 PLANE_MM = 0.02  # how flat a real facet is
 _MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
@@ -35,8 +35,12 @@ def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group
     ideal = geometry.project(adjusted.corners_mm)
     left_px, right_px = (eye.pixels(px) for eye, px in zip((geometry.left, geometry.right), ideal, strict=True))
     redrawn = (
-        Facet(
-            adjusted.corners_mm[c], adjusted.covariance_mm2[c], left_px[c], right_px[c], f.epipolar_px, f.planarity_mm
+        replace(
+            f,
+            corners_mm=adjusted.corners_mm[c],
+            covariance_mm2=adjusted.covariance_mm2[c],
+            left_px=left_px[c],
+            right_px=right_px[c],
         )
         for f, c in zip(group.facets, corners, strict=True)
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Flags
+from daemon.vision.facets.arc_rings import is_hole_in, round_facets
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
 from daemon.vision.facets.corner_adjustment import settled
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
@@ -34,13 +35,16 @@ def find_facets(
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
     eyes, chosen = open_stereo(left, right, rig), settings or VisionSettings()
-    return with_lone_outlines(facets_seen(eyes, chosen), eyes, chosen)
+    return with_lone_outlines(facets_seen(eyes, chosen, round_facets(eyes)), eyes, chosen)
 
 
-def facets_seen(eyes: StereoImages, settings: VisionSettings) -> FacetView:
-    """The facets that both eyes outline, of images already opened, which make nothing twice."""
+def facets_seen(eyes: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:
+    """The facets that both eyes outline, of images already opened, which make nothing twice. rounded: those with arcs
+    in their outline."""
     outlines = outlines_of(eyes, settings, in_one=False)
-    chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
+    straight = find_candidates(outlines, eyes, settings)
+    outer = [one for one in rounded if not any(is_hole_in(one, other) for other in (*straight, *rounded))]
+    chosen, refused = choose([*outer, *straight], settings)
     return _with_unmatched(_grouped(chosen, refused, eyes, settings), outlines)
 
 

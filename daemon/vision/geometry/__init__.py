@@ -6,6 +6,7 @@ from daemon.vision.geometry.facet_measures import (
     area_vector,
     axes_in,
     basis,
+    chord_turns,
     circle_along,
     cross,
     fit_circle,

@@ -16,13 +16,13 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
+from daemon.vision.facets import FARTHEST_MM, NEAREST_MM
 from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, apart2, basis, sides_of
 from daemon.vision.hypotheses.directional_edge_map import GLANCED, DirectionalEdgeMap, Rays
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
 from daemon.vision.model import turns_onto_themselves
 
-NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye

@@ -22,8 +22,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
+from daemon.vision.facets import circles_seen
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
-from daemon.vision.hypotheses.circles import circles_seen, poses_from_circles, taught_radii
+from daemon.vision.hypotheses.circles import poses_from_circles, taught_radii
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, ideal, pixels, taught_solids

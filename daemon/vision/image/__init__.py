@@ -18,7 +18,7 @@ from daemon.vision.image.edge_lines import (
 )
 from daemon.vision.image.ellipses import Ellipse
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
-from daemon.vision.image.outlines import MODEL_PX, Fitted, Outline
+from daemon.vision.image.outlines import MODEL_PX, Fitted, Outline, met_covariance
 from daemon.vision.image.regions import SMOOTHING_PX, Scale
 from daemon.vision.image.rims import STEP_PX, rim_slopes
 from daemon.vision.image.segments import (

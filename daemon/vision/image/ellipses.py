@@ -28,15 +28,20 @@ LINE_PX, MOST_TURN, UNEVEN = 1.2, np.radians(65.0), 4.5
 so many times longer or shorter."""
 ROUGH_PX, FINE_PX, ON_PX = 1.0, 0.45, 0.8
 """Rms by which pixels, and edges between pixels, may lie off their ellipse; and off which an edge is not on it."""
-LEAST_SWEEP, LEAST_SHARE = np.radians(100.0), 0.3
-"""How far round an edge must show, and on how much of its ellipse."""
+ROUGH_SWEEP, LEAST_SWEEP, LEAST_SHARE = np.radians(60.0), np.radians(80.0), 0.2
+"""How far round a run's pixels must lie, and then an edge between pixels show, and on how much of its ellipse: where
+another edge touches an arc, a run ends that goes on behind it."""
 SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
 """Axes that are fitted, and how far inside the image an edge must lie."""
 REACH_PX, NEAR_PX, ROUNDS = 3, 1.2, 3
-PART, PART_STEP = np.radians(100.0), np.radians(40.0)
+PART, PART_STEP = np.radians(70.0), np.radians(40.0)
 """By how much a part of a run turns, and the next begins later: in half a circle lies a whole one."""
 SAME_RUN_PX = 0.5
 """Two runs along the two sides of one edge give ellipses that differ by less."""
+CLOSED, MIDDLE, GROWS = np.radians(20.0), 0.5, 0.05
+"""A wider gap ends an arc; share of its places in its middle, and by what share it then grows at a time."""
+TOGETHER, TANGENT_PX = 9, 0.15
+"""So many places in a row that lie so far off on the mean are on an arc no more."""
 MOST_EDGES, MOST = 400, 80
 """Edges that are followed, and ellipses that are fitted between pixels: a patterned table has a thousand and hundreds,
 most of them smaller than rims."""
@@ -118,7 +123,7 @@ def _on_one(run: _RoundRun, found: Sequence[Ellipse]) -> Iterator[Ellipse]:
 def _rough(run: Array) -> Ellipse | None:
     """The ellipse on which pixels (N, 2) lie; None where they do not, or not far enough round it."""
     rough = _fitted(run)
-    if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
+    if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < ROUGH_SWEEP:
         return None
     return rough
 
@@ -214,10 +219,38 @@ def _between_pixels(rough: Ellipse, smooth: Fine, grain: float) -> Ellipse | Non
                 return None
             ellipse = fitted
             places = places[np.abs(ellipse.off_px(places)[0]) < ON_PX]
-    ellipse = ellipse._replace(places=places)
+    ellipse = _without_tangents(ellipse._replace(places=places))
+    places = ellipse.places
     if len(places) < max(LEAST_SHARE * count, FEWEST_PX // 2) or _rms(ellipse.off_px(places)[0]) > FINE_PX:
         return None
     return ellipse if _sweep(ellipse, places) > LEAST_SWEEP else None
+
+
+def _without_tangents(ellipse: Ellipse) -> Ellipse:
+    """The ellipse by the places of its arc alone: a straight edge that touches the end of an arc lies on the ellipse as
+    well, nearly, and makes it larger. From the middle of the arc on, each way as far as its places stay on it."""
+    angle = ellipse.off_px(ellipse.places)[1]
+    order = np.argsort(angle)
+    gaps = np.diff(angle[order], append=angle[order[0]] + 2 * np.pi)
+    widest = int(gaps.argmax())
+    if gaps[widest] < CLOSED:
+        return ellipse
+    run = ellipse.places[np.roll(order, -widest - 1)]
+    count = len(run)
+    first, last = int(count * (1 - MIDDLE) / 2), int(np.ceil(count * (1 + MIDDLE) / 2))
+    step, row = max(int(count * GROWS), 1), np.ones(TOGETHER) / TOGETHER
+    while True:
+        own = _fitted(run[first:last])
+        if own is None:
+            return ellipse
+        off = own.off_px(run)[0]
+        astray = np.abs(np.convolve(np.pad(off, TOGETHER // 2, mode="edge"), row, "valid")) > TANGENT_PX
+        before, behind = np.flatnonzero(astray[:first]), np.flatnonzero(astray[last:])
+        begin = max(first - step, int(before[-1]) + 1 if len(before) else 0)
+        end = min(last + step, last + int(behind[0]) if len(behind) else count)
+        if (begin, end) == (first, last):
+            return own
+        first, last = begin, end
 
 
 def _rms(values: Array) -> float:

@@ -4,6 +4,7 @@ In: corners. Out: arcs, and the name a facet gets from one. Straight-sided typin
 Source: D'Souza, section 5.7 (the sector angle of an arc as a property of the element).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from daemon.vision.geometry import fit_circle, newell_normal
 FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
 ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
 LONGEST_RAD, UNEVEN = np.pi / 2, 4.0  # a longer turn is a straight side, and so is one of so many usual ones
-NAME_STEP_DEG = 15  # sector angles are named to this step
+NAME_STEP_DEG, UNSURE = 15, 0.25  # sector angles are named to this step, and are so unsure, in steps
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,18 @@ def arc_name(corners_mm: Array, covariance_mm2: Array) -> str | None:
     if arc is None:
         return None
     return f"arc{NAME_STEP_DEG * round(np.rad2deg(arc.sector_rad) / NAME_STEP_DEG)}"
+
+
+def arc_names(arcs: Sequence[Array]) -> tuple[str, ...]:
+    """As arc_name, of a facet whose arcs are known, points (K, 3) mm along each from end to end: of the longest, the
+    likeliest first; two where its sector is near to the limit of a step."""
+    degrees = max(np.rad2deg(_sector_of(_in_plane(points))) for points in arcs) / NAME_STEP_DEG
+    steps = dict.fromkeys(int(np.clip(round(degrees + off), 1, 360 / NAME_STEP_DEG)) for off in (0, -UNSURE, UNSURE))
+    return tuple(f"arc{NAME_STEP_DEG * step}" for step in steps)
+
+
+def _sector_of(points: Array) -> float:
+    return abs(_sector(points, fit_circle(points)[0]))
 
 
 def _in_plane(corners: Array) -> Array:

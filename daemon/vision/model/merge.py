@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon.arrays import Array, Index
-from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses, measure, newell_normal, solve
+from daemon.vision.geometry import (
+    Fits,
+    OutlineArc,
+    Polyhedron,
+    chi_square_limit,
+    fit_poses,
+    measure,
+    newell_normal,
+    solve,
+)
 from daemon.vision.model.correspond import Correspondence, correspondences
 from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary, conditions
 from daemon.vision.settings import TOLERANCE_MM
@@ -112,11 +121,19 @@ def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits)
     types = [view.types[f] for f, g in enumerate(way.facets) if g < 0]
     known = {frozenset(ring) for ring in whole.facets}
     new = [i for i, ring in enumerate(rings) if frozenset(ring) not in known]
+    added = [f for f, g in enumerate(way.facets) if g < 0]
+    arcs = (
+        OutlineArc(len(whole.facets) + n, arc.points_mm @ turn.T + shift)
+        for n, i in enumerate(new)
+        for arc in view.arcs
+        if arc.facet == added[i]
+    )
     return Polyhedron(
         np.concatenate([corners, moved[extra]]),
         whole.facets + tuple(rings[i] for i in new),
         np.concatenate([covariance, spread[extra]]),
         whole.types + tuple(types[i] for i in new),
+        arcs=(*whole.arcs, *arcs),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.art import RelationalView
 from daemon.vision.geometry import Measures, Polyhedron, cross, measure_each
+from daemon.vision.model.arcs import arc_names
 from daemon.vision.model.facet_types import FacetLibrary, type_number, types_of_each
 from daemon.vision.values import Facet
 
@@ -30,8 +31,11 @@ _SPAN = float(np.log(LONGEST_MM / SHORTEST_MM))
 
 def types_of(facets: Iterable[Facet], library: FacetLibrary) -> tuple[tuple[str, ...], ...]:
     """Every type that each facet may have, the most particular first."""
-    corners, covariance = zip(*((f.corners_mm, f.covariance_mm2) for f in facets), strict=True)
-    return tuple(tuple(kind.name for kind in kinds) for kinds in types_of_each(corners, covariance, library))
+    every = tuple(facets)
+    kinds = types_of_each([f.corners_mm for f in every], [f.covariance_mm2 for f in every], library)
+    return tuple(
+        arc_names(f.arcs) if f.arcs else tuple(kind.name for kind in own) for f, own in zip(every, kinds, strict=True)
+    )
 
 
 def relational_view(

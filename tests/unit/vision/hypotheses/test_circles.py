@@ -10,8 +10,9 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.facets import SeenCircle, circles_seen
 from daemon.vision.geometry import Hole, Polyhedron, SolidBatch
-from daemon.vision.hypotheses.circles import Circle, circles_seen, poses_from_circles, rims_of, taught_radii
+from daemon.vision.hypotheses.circles import poses_from_circles, rims_of, taught_radii
 from daemon.vision.image import StereoImages, open_stereo
 from tests.fakes.drawn import block
 from tests.fakes.painted import paint_pair
@@ -53,7 +54,7 @@ def painted() -> StereoImages:
 
 
 @cache
-def seen() -> list[Circle]:
+def seen() -> list[SeenCircle]:
     """What both cameras see of it."""
     return circles_seen(painted(), taught_radii((bored(),)))
 

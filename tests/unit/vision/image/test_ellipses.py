@@ -54,5 +54,5 @@ def test_round_ends_are_found_though_straight_edges_run_on_into_them() -> None:
     stadium = np.vstack([left[50:151], right[150:], right[:51]])
     found = ellipses(("light", stadium))
     for x in (250.0, 390.0):
-        (near,) = (one for one in found if np.linalg.norm(one.centre - [x, 240]) < 5)
-        assert near.radii == pytest.approx([40, 40], rel=0.1)  # straight edges beside them draw them out
+        (near,) = (one for one in found if np.linalg.norm(one.centre - [x, 240]) < 2)
+        assert near.radii == pytest.approx([40, 40], rel=0.015)  # straight edges beside them draw none out
