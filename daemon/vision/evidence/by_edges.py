@@ -20,7 +20,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
-from daemon.vision.evidence.other_sizes import other_size_nats
+from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
 from daemon.vision.evidence.registered import (
@@ -79,6 +79,9 @@ UNDECIDED, MOST_UNDECIDED = (-1.6, 7.4), 3
 """Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
 where they lie. In a trial fourteen true ones gained 1.3 by it on average, 5 at most; five strangers .5, 1 at most. They
 pay for their tries as turned guesses do: unpaid, a cylinder was taken for a prism."""
+OTHER_RADIUS = 4.0
+"""Nats by which circles that are seen must speak against the radii of a part's arcs for it to have no name. Three
+of six round parts of a size that was not taught, 5 % off, lose their neighbour's with it, and no part its own."""
 OTHER_SIZE = 9.5
 """Nats by which another size of a part must fit its measured edges better for it to have no name. Of 125 parts that
 edges named, in heaps, on patterned tables and in the shared scenes, rightly named ones had 7.9 at most, and three of
@@ -200,7 +203,9 @@ def _proven(
             measured = measured_at(one.solid, one.pose, eyes, search.model, one.seen)
             tolerance = search.model.parameters.tolerance_mm
             size_nats = other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance)
-            if measured.facets and size_nats < OTHER_SIZE:  # of edges alone, without a facet, no part is made
+            radius_nats = other_radius_nats(one.solid, measured.fit.cyclopean_from_part, search.circles, tolerance)
+            taught_size = size_nats < OTHER_SIZE and radius_nats < OTHER_RADIUS
+            if measured.facets and taught_size:  # of edges alone, without a facet, no part is made
                 same = [other for other in laid if other.label == one.label and other.overlaps(one)]
                 found.append(placed(one, measured, confidence, same, search))
     return taken, found, ()

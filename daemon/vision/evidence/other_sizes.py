@@ -10,8 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.facets import SeenCircle, differs_mm
 from daemon.vision.geometry import Polyhedron, solve, whitener
+from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import MODEL_PX
 from daemon.vision.refine import LINE_SIGMAS, PRIOR, WORN_MM, EdgeObservation
 
@@ -20,6 +23,36 @@ OTHER_MM = 5.0
 OUTLIER, PASSES = 5.0, 8
 """Sigmas off at which a line counts a quarter: at a size that is not the part's many are three off; and how often lines
 are weighed anew."""
+
+RIM_MM, RIM_TURN = 2.0, np.cos(np.radians(10.0))
+"""How far from a rim of a named part, and how askew, a seen circle of about its radius is that rim."""
+OF_RADIUS, OF_TOLERANCE = 0.01, 0.5
+"""How far off the radii of seen circles are beyond their covariance, a standard deviation as a share (of 17 arcs half
+were within .6 %, of python -m tests.bench.arcs); and the share of what naming allows corners to be off that a radius
+may be."""
+
+
+def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[SeenCircle], tolerance_mm: float) -> float:
+    """By how many nats circles that both cameras see speak against the taught radii of the arcs in a part's outline, at
+    cyclopean_from_part (4, 4): edges are drawn to their places one by one, and a pose gives way to a few per cent of a
+    radius."""
+    nats = 0.0
+    for rim in rims_of(solid):
+        at, normal = frames.apply(pose, rim.centre_mm[None])[0], pose[:3, :3] @ rim.normal
+        off_mm, variance = min(
+            (
+                (abs(one.radius_mm - rim.radius_mm), float(one.covariance[5, 5]))
+                for one in circles
+                if one.normal @ normal > RIM_TURN
+                and np.linalg.norm(one.centre_mm - at) < RIM_MM
+                and abs(one.radius_mm - rim.radius_mm) < differs_mm(rim.radius_mm)
+            ),
+            default=(0.0, 0.0),
+        )
+        if rim.outer:
+            known = (OF_RADIUS * rim.radius_mm) ** 2 + (OF_TOLERANCE * tolerance_mm) ** 2
+            nats += off_mm**2 / (variance + known) / 2
+    return nats
 
 
 def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:

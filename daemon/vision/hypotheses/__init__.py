@@ -1,6 +1,6 @@
 """Which taught part could be where: from 3-D junctions, single facets, the support plane; ranked by segments."""
 
-from daemon.vision.hypotheses.circles import turns_about_axis
+from daemon.vision.hypotheses.circles import rims_of, turns_about_axis
 from daemon.vision.hypotheses.directional_edge_map import edge_distances, in_sizes, self_similarity
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
 from daemon.vision.hypotheses.pose_batch import COVERED, pixels

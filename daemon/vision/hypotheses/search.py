@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets import circles_seen
+from daemon.vision.facets import SeenCircle, circles_seen
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
 from daemon.vision.hypotheses.circles import poses_from_circles, taught_radii
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
@@ -69,6 +69,11 @@ class Search:
     def uncluttered(self) -> bool:
         """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
         return self.eyes.uncluttered(VisionSettings())
+
+    @cached_property
+    def circles(self) -> list[SeenCircle]:
+        """Circles that both eyes see, of about the radii of taught rims."""
+        return circles_seen(self.eyes, taught_radii(taught_solids(self.model).shapes))
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
@@ -135,8 +140,7 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
 
 def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
     """What circles could be rims of, and what further circles speak for each, nats (G,)."""
-    solids = taught_solids(search.model)
-    return poses_from_circles(circles_seen(search.eyes, taught_radii(solids.shapes)), solids)
+    return poses_from_circles(search.circles, taught_solids(search.model))
 
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:

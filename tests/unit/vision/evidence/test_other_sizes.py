@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from daemon.vision.evidence.by_edges import OTHER_SIZE
-from daemon.vision.evidence.other_sizes import other_size_nats
-from daemon.vision.geometry import Polyhedron, exact
+from daemon import frames
+from daemon.vision.evidence.by_edges import OTHER_RADIUS, OTHER_SIZE
+from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
+from daemon.vision.facets import SeenCircle
+from daemon.vision.geometry import OutlineArc, Polyhedron, exact
+from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import open_stereo
 from daemon.vision.refine import fit_at
 from tests.fakes import painted
@@ -56,3 +60,46 @@ def test_a_worn_part_is_no_other_size() -> None:
 def test_without_measured_edges_nothing_is_said() -> None:
     solid = exact(block().corners_mm, block().facets)
     assert other_size_nats(solid, WHERE, (), TOLERANCE_MM) == 0.0
+
+
+RADIUS_MM = 14.0
+
+
+@cache
+def with_round_ends() -> Polyhedron:
+    """A block of whose outline two arcs of one radius are part, on one face."""
+    solid = exact(block().corners_mm, block().facets)
+    x, y = solid.laid_flat[0, :3, :3][:2]
+    turns = np.linspace(0, np.pi, 24)[:, None]
+    half = RADIUS_MM * (np.cos(turns) * x + np.sin(turns) * y)
+    arcs = (OutlineArc(0, solid.centres_mm[0] + half + 12 * y), OutlineArc(0, solid.centres_mm[0] - half - 12 * y))
+    return replace(solid, arcs=arcs)
+
+
+def radius_nats(share: float, *, beside_mm: float = 0.0) -> float:
+    """What circles so many times as large, and so far beside its arcs, say against it."""
+    spread = np.diag([0.05**2] * 3 + [1e-4] * 2 + [0.05**2])
+    circles = [
+        SeenCircle(
+            frames.apply(WHERE, rim.centre_mm[None])[0] + [beside_mm, 0, 0],
+            WHERE[:3, :3] @ rim.normal,
+            share * rim.radius_mm,
+            spread,
+            None,  # type: ignore[arg-type]
+            None,  # type: ignore[arg-type]
+        )
+        for rim in rims_of(with_round_ends())
+    ]
+    return other_radius_nats(with_round_ends(), WHERE, circles, TOLERANCE_MM)
+
+
+def test_circles_of_the_taught_radius_say_nothing_against_it_and_others_do() -> None:
+    assert radius_nats(1.0) < 0.1
+    assert radius_nats(1.01) < 1.5
+    assert min(radius_nats(0.95), radius_nats(1.05)) > OTHER_RADIUS
+
+
+def test_circles_elsewhere_and_bores_about_the_same_axis_say_nothing() -> None:
+    assert radius_nats(0.6) == 0.0
+    assert radius_nats(1.05, beside_mm=8.0) == 0.0
+    assert other_radius_nats(with_round_ends(), WHERE, [], TOLERANCE_MM) == 0.0
