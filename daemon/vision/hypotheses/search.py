@@ -207,16 +207,17 @@ def _varied(guesses: ScoredPoses) -> Index:
 
 
 def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[EdgeHypothesis], list[EdgeHypothesis]]:
-    """The best guesses, a few at each place, for which nearly as much speaks as for the best there; and beyond these
-    the best of each other part."""
+    """The best guesses, a few at each place, for which nearly as much speaks as for the best there, of two parts at
+    least where two could be there; and beyond these the best of each other part."""
     kept, rivals, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
     posed, labels = guesses.posed, list(search.model.metric)
     for k, corners_px in islice(distinct(guesses, search.eyes), LOOKED_AT):
         shape, against, label = PlanarShape.hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
-        own = [one for _, one in there].count(label)
+        theirs = [one for _, one in there]
+        own = theirs.count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            among = kept if len(there) < PER_PLACE else rivals
+            among = kept if len(there) < PER_PLACE or (own == 0 and len(set(theirs)) == 1) else rivals
             among.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(shapes) == MOST:

@@ -259,6 +259,20 @@ def test_beyond_a_few_at_one_place_others_are_but_rivals(monkeypatch: pytest.Mon
     assert [one.label for one in few.likely] == [one.label for one in few.rivals] == ["cube"]
 
 
+def test_of_two_parts_that_could_be_at_one_place_both_are_laid_however_many_poses_of_the_first_fit_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A rounded block beside the same one with sharp corners was never laid onto the pictures: six poses of the sharp
+    one came before it."""
+    both = model()
+    for body, direction in ((body, direction) for label, body, direction in TAUGHT if label == "cube"):
+        seen = view_of(body, pose(np.array(direction), 0.3), np.random.default_rng(5), 0.3)
+        both = learn_view(both, seen, "twin")
+    here = replace(scene("cube"), model=both)
+    monkeypatch.setattr(search, "PER_PLACE", 1)
+    assert sorted(one.label for one in hypotheses_from_junctions(here, lambda: 0.0).likely) == ["cube", "twin"]
+
+
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
     found = named_by_edges(eyes_on("steeper pyramid"), model(), [])
     assert not found.named
