@@ -1,6 +1,7 @@
 """The search for grasps that bring a part onto another side: shortest, held against brute force, and cached."""
 
 import re
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -93,6 +94,16 @@ def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the
         assert (step.way.goal.place.name == TABLE) == (number < len(steps)) == step.way.goal.between
         pose = step.way.pose
     assert any(np.allclose(pose, each) for each in goal_on("pentagonal_prism", shape, b).poses)
+
+
+def test_a_part_that_was_laid_down_is_taken_by_a_grasp_that_was_found_for_the_side_it_lies_on(reach):
+    _, _, asked, steps = over_plan(reach)
+    for before, step in pairwise(steps):
+        pose = before.way.pose
+        side = int(np.argmax([pose[2, :3] @ lying[2, :3] for lying in asked.table.lying]))
+        part_from_tool = frames.inverse(pose) @ step.grasp.world_from_tool
+        (same,) = np.nonzero(np.isclose(asked.table.part_from_tool, part_from_tool, atol=1e-6).all(axis=(1, 2)))
+        assert side in asked.table.side[same]
 
 
 def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_gets_to(reach):
