@@ -140,7 +140,7 @@ def test_a_straight_move_is_as_many_blocks_as_keep_the_tool_on_its_line() -> Non
         reading = await moved(arm, target, straight=True)
         assert frames.difference(reading.world_from_tool, target) == pytest.approx(np.zeros(6), abs=1e-3)
         assert len(there.blocks) == 6
-        with pytest.raises(CellError, match="does not get there"):
+        with pytest.raises(CellError, match="cannot reach it"):
             await moved(arm, beside(target, (900.0, 0.0, 0.0)), straight=True)
         assert len(there.blocks) == 6
 

@@ -266,7 +266,7 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(runner: a
         async with line.link(replace(QUICK, abort_word="HALT")) as link:
             arm = arm_of(link, ArmGeometry())
             for word in (arm.prove_stop, arm.abort):
-                with pytest.raises(StopRefusedError, match=r"HALT \(it says `\*Illegal command\*`\)"):
+                with pytest.raises(StopRefusedError, match=r"HALT \(it answers `\*Illegal command\*`\)"):
                     await word()
             assert not arm.permit.stop_seen
 
