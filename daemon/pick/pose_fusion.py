@@ -57,14 +57,32 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and the error predicted at
-    the grasp: rms distance and rms angle, over all directions together (sqrt(3) times what an axis errs by where all
-    err alike)."""
+    """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and at_grasp (6, 6), the
+    same with the arm's error at the grasp. Errors predicted there are rms over all directions together (sqrt(3) times
+    what an axis errs by where all err alike)."""
 
     world_from_part: Array
     covariance: Array
-    predicted_mm: float
-    predicted_deg: float
+    at_grasp: Array
+
+    @property
+    def predicted_mm(self) -> float:
+        """The distance."""
+        return float(np.sqrt(np.trace(self.at_grasp[:3, :3])))
+
+    @property
+    def predicted_deg(self) -> float:
+        """The angle."""
+        return _degrees(self.at_grasp[3:, 3:])
+
+    @property
+    def predicted_tilt_deg(self) -> float:
+        """The angle without the turn about the vertical."""
+        return _degrees(self.at_grasp[3:5, 3:5])
+
+
+def _degrees(covariance: Array) -> float:
+    return float(np.degrees(np.sqrt(np.trace(covariance))))
 
 
 def sighting(
@@ -112,11 +130,7 @@ def fuse(sightings: Sequence[Sighting], doubt: Doubt) -> Estimate:
         right += weighed @ frames.difference(one.world_from_part, reference)
     every = np.asarray(np.linalg.inv(total), float)
     covariance = every[:6, :6]
-    at_grasp = covariance + doubt.arm()
-    turn = float(np.trace(at_grasp[3:, 3:]))
-    place = float(np.trace(at_grasp[:3, :3]))
-    pose = frames.perturb(reference, (every @ right)[:6])
-    return Estimate(pose, covariance, float(np.sqrt(place)), float(np.degrees(np.sqrt(turn))))
+    return Estimate(frames.perturb(reference, (every @ right)[:6]), covariance, covariance + doubt.arm())
 
 
 def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:

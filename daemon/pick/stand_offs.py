@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 from msgspec import Meta
 
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting, fuse
@@ -29,8 +28,7 @@ class Stops:
 
 def enough(estimate: Estimate, looks: int, stops: Stops, any_turn: bool = False) -> bool:
     """Whether the last, blind stretch may be taken. any_turn: it may, however the part is turned about the vertical."""
-    axes = slice(3, 5 if any_turn else 6)
-    turned_deg = float(np.degrees(np.sqrt(np.trace(estimate.covariance[axes, axes]))))
+    turned_deg = estimate.predicted_tilt_deg if any_turn else estimate.predicted_deg
     good = estimate.predicted_mm <= stops.enough_mm and turned_deg <= stops.enough_deg
     return good and looks >= stops.least_looks
 

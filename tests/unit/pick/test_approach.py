@@ -121,7 +121,7 @@ def test_a_round_part_of_unknown_turn_is_taken_to_the_bin_and_to_no_place(monkey
 
     def unturned(sightings, doubt):
         estimate = fused([replace(one, covariance=1e-4 * np.eye(6)) for one in sightings], doubt)
-        return replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0, 0, 1.0]), predicted_mm=0.1)
+        return replace(estimate, at_grasp=1e-6 * np.eye(6) + np.diag([0, 0, 0, 0, 0, 1.0]))
 
     found = replace(plan, grasp=replace(plan.grasp, rounded=rounded), way=object() if at_place else None)
     monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)

@@ -489,7 +489,7 @@ def test_what_looks_say_of_a_place_is_sure_where_their_error_would_not_change_it
     middle = frames.apply(lying, A_GOAL.shape.corners_mm).mean(axis=0)
     lying[:3, 3] += A_GOAL.centre - middle + [off_mm * np.cos(way), off_mm * np.sin(way), height_mm]
     sigmas = [sigma_mm, sigma_mm, height_sigma_mm, *np.radians([sigma_deg] * 3)]
-    found = set_down._lies(A_GOAL, Estimate(lying, np.diag(np.square(sigmas)), 0.0, 0.0))
+    found = set_down._lies(A_GOAL, Estimate(lying, np.diag(np.square(sigmas)), np.diag(np.square(sigmas))))
     assert found.off == pytest.approx((off_mm, abs(off_deg), height_mm), abs=1e-6)
     most_height_mm = max(TOLERANCE_MM, 3.0 * height_sigma_mm)
     errs_mm, errs_deg = sigma_mm * np.sqrt(2.0), sigma_deg * np.sqrt(3.0)

@@ -29,9 +29,17 @@ def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
 
 def test_how_a_part_is_turned_about_the_vertical_need_not_be_known_where_it_is_held_however_that_is():
     estimate = fuse([looked(np.random.default_rng(7), 200.0, np.zeros(9))], DOUBT)
-    unturned = replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0, 0, 0.1]))
-    leaning = replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0.1, 0, 0]))
+    unturned = replace(estimate, at_grasp=estimate.at_grasp + np.diag([0, 0, 0, 0, 0, 0.1]))
+    leaning = replace(estimate, at_grasp=estimate.at_grasp + np.diag([0, 0, 0, 0.1, 0, 0]))
     stops = Stops(enough_mm=1e6)
     assert enough(estimate, 1, stops)
     assert [enough(one, 1, stops) for one in (unturned, leaning)] == [False, False]
     assert [enough(one, 1, stops, any_turn=True) for one in (unturned, leaning)] == [True, False]
+
+
+def test_how_far_the_arm_turns_it_at_the_grasp_counts_whether_or_not_its_turn_does():
+    looks = [looked(np.random.default_rng(7), 200.0, np.zeros(9))]
+    stops = Stops(enough_mm=1e6)
+    for any_turn in (False, True):
+        assert enough(fuse(looks, DOUBT), 1, stops, any_turn)
+        assert not enough(fuse(looks, replace(DOUBT, arm_deg=2.0 * stops.enough_deg)), 1, stops, any_turn)
