@@ -56,9 +56,7 @@ def test_a_mounted_gripper_that_is_no_longer_described_is_not_said(path: Path) -
     keep_mounted(config.state, MountedGripper("hook", "ann", "2026-11-26T10:00:00+00:00"))
     config = load_config(path)
     assert config.gripper is None
-    assert any(
-        "hook is no longer in the section grippers; " in n for n in config.notes
-    )
+    assert any("hook is no longer in the section grippers; " in n for n in config.notes)
 
 
 def test_cameras_and_hand_eye_stay_on_the_wrist_as_grippers_change(path: Path) -> None:
