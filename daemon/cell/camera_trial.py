@@ -4,7 +4,7 @@ After a fault each camera is tested alone. A camera that was out of use is used 
 scene in agreement with the calibration. The operator decides (daemon/commands/camera_selection.py).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from daemon.vision.health import (
     MEASURES,
     MOST_IMAGES,
     Finding,
+    Steadiness,
     examine,
     measure_steadiness,
     misleading,
@@ -73,9 +74,8 @@ async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
     for k, name in enumerate(EYES):
         if cameras.alone not in (None, name):
             continue
-        images = [[(pair.left, pair.right)[k] for pair in pairs] for pairs in (before, after)]
-        pixels = [[frame.pixels for frame in some] for some in images]
-        lines = measure_steadiness(pixels[0], [frame.taken_s for frame in images[0]]).faults()
+        pixels = [[getattr(pair, name).pixels for pair in pairs] for pairs in (before, after)]
+        lines = steadiness(before, name).faults()
         if accepted is not None and (wrong := overridden(pixels[0], pixels[1], accepted[k])) is not None:
             lines.append(wrong)
         if lines:
@@ -89,11 +89,15 @@ async def shutters(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
     pairs = await _series(cameras, clock, MOST_IMAGES)
     found: dict[EyeName, str] = {}
     for name in EYES:
-        frames = [getattr(pair, name) for pair in pairs]
-        one = measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
-        if cameras.alone in (None, name) and one.shutter is not None:
-            found[name] = one.shutter
+        if cameras.alone in (None, name) and (shutter := steadiness(pairs, name).shutter) is not None:
+            found[name] = shutter
     return found
+
+
+def steadiness(pairs: Collection[StereoPair], name: EyeName) -> Steadiness:
+    """What one camera holds, and how it exposes its rows, by successive pairs."""
+    frames = [getattr(pair, name) for pair in pairs]
+    return measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
 
 
 async def _series(cameras: ThreadedCameras, clock: Callable[[], float], count: int) -> list[StereoPair]:

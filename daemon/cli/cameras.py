@@ -159,12 +159,12 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
 
 def _steadiness(pairs: Collection[StereoPair]) -> dict[str, dict[str, Any]]:
     """What each camera does not hold, and how long it takes to read out its rows, as rows for people and JSON."""
-    from daemon.vision.health import measure_steadiness
+    from daemon.arm import EYES
+    from daemon.cell.camera_trial import steadiness
 
-    found = {}
-    for eye in ("left", "right"):
-        frames = [getattr(pair, eye) for pair in pairs]
-        one = measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
+    found: dict[str, dict[str, Any]] = {}
+    for eye in EYES:
+        one = steadiness(pairs, eye)
         readout_ms = None if math.isnan(one.readout_s) else round(1000 * one.readout_s, 1)
         found[eye] = {"faults": one.faults(), "shutter": one.shutter, "readout_ms": readout_ms}
     return found

@@ -43,8 +43,8 @@ ASKED_S = 0.5
 between."""
 PRESSED_MM = 1.0
 """How far a part in the gripper may be pressed onto the table: fingers and pads yield by more."""
-PART = "the part "
-INTO_TABLE = f"{PART}into the table"
+PART = "the part: "
+"""Before a rule: of the part in the gripper, not of the arm's body."""
 HAIR_MM = 0.5
 """The tolerance of lengths, for the arm's repeatability."""
 
@@ -359,15 +359,12 @@ class MotionMonitor:
         ends_s = max(motion.started_s, min(motion.ends_s, lost_s))
         times = np.linspace(motion.started_s, ends_s, max(2, ceil((ends_s - motion.started_s) / SAMPLE_S) + 1))
         for rule, deep in self._carried_depths(motion, times).items():
-            too_deep = self._deeper(rule, deep)
+            too_deep = self._deeper(PART + rule, deep)
             if too_deep.max() > PRESSED_MM:
                 moment, corner = np.unravel_index(int(np.argmax(too_deep)), deep.shape)
-                text = (
-                    f"the {self._carried.label} in the gripper {deep[moment, corner]:.1f} mm {rule.removeprefix(PART)}"
-                )
-                yield Violation(
-                    "pressed" if rule == INTO_TABLE else rule.removeprefix(PART), times[moment], leg.by, text
-                )
+                where = "into the table" if rule == "pressed" else rule
+                text = f"the {self._carried.label} in the gripper {deep[moment, corner]:.1f} mm {where}"
+                yield Violation(rule, times[moment], leg.by, text)
 
     def _deeper(self, rule: str, deep: Array) -> Array:
         """(N, K) mm: how much deeper the arm is on a path than where somebody else left it; once all of it is clear,
@@ -381,7 +378,8 @@ class MotionMonitor:
     def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
         """By rule, mm: how deep the body violates a limit at the end of a motion; only violated rules."""
         at_rest = np.array([leg.motion.ends_s])
-        depths = {**self._depths(self._body.at(leg.motion, at_rest)[0]), **self._carried_depths(leg.motion, at_rest)}
+        of_part = {PART + rule: deep for rule, deep in self._carried_depths(leg.motion, at_rest).items()}
+        depths = {**self._depths(self._body.at(leg.motion, at_rest)[0]), **of_part}
         deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in depths.items()}
         return {rule: deep for rule, deep in deepest.items() if deep > 0.0}
 
@@ -400,9 +398,9 @@ class MotionMonitor:
         if self._carried is None:
             return {}
         corners = self._body.carried(motion, times, self._carried.corners_mm)
-        depths = {INTO_TABLE: self._table.height_mm - corners[..., 2]}
+        depths = {"pressed": self._table.height_mm - corners[..., 2]}
         for number, box in enumerate(self._safety.keep_out, start=1):
-            depths[f"{PART}in keep-out box {number}"] = -_distance(corners, box)
+            depths[f"in keep-out box {number}"] = -_distance(corners, box)
         return depths
 
     def _way(self, motion: Motion) -> tuple[Array, Array, Array]:

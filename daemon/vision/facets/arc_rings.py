@@ -191,8 +191,9 @@ def _ring(first: _Arc, arcs: Sequence[_Arc], sides: Sequence[Array], px_mm: floa
     def go_on(path: tuple[_Arc | Array, ...], gap: float) -> None:
         if best and gap >= best[0].gap_mm:
             return
-        others = [one for one in sides if not any(one is known or one.base is known for known in path)]
-        after: list[_Arc | Array] = [way for one in others for way in (one[:], one[::-1])]
+        used = [own.base for own in path if not isinstance(own, _Arc)]
+        others = [side for side in sides if not any(side is own for own in used)]
+        after: list[_Arc | Array] = [way for side in others for way in (side[:], side[::-1])]  # views: base is the side
         if not isinstance(path[-1], _Arc):
             after = [*arcs, *after]
         for one in after if len(path) <= MOST_SIDES else ():

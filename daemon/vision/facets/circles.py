@@ -137,7 +137,7 @@ def _near_a_radius(radius_mm: Array, radii_mm: Array | None, share: Array | floa
 
 
 class _Circles(NamedTuple):
-    """N circles as Circle has one: centre_mm, normal (N, 3), radius_mm (N,)."""
+    """N circles as SeenCircle has one: centre_mm, normal (N, 3), radius_mm (N,)."""
 
     centre_mm: Array
     normal: Array
