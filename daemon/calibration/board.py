@@ -60,6 +60,11 @@ class Board:
         dictionary = [] if self.dictionary == USUAL_DICTIONARY else [self.dictionary]
         return ["charuco", *(["legacy"] if self.legacy else []), *dictionary]
 
+    @property
+    def markers(self) -> int:
+        """Number of markers of a ChArUco board of this size."""
+        return (self.columns + 1) * (self.rows + 1) // 2
+
     def points_mm(self) -> Array:
         """(columns * rows, 3) inner corners in the board frame."""
         grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_mm
@@ -139,8 +144,8 @@ def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board
         )
     board = Board(*counts, square_mm, "charuco", dictionary=(names or [USUAL_DICTIONARY])[0], legacy=bool(legacy))
     available = len(dictionary_named(board.dictionary).bytesList)
-    if available < (need := (board.columns + 1) * (board.rows + 1) // 2):
+    if available < board.markers:
         raise BoardError(
-            f"{text} charuco: {need} markers, {board.dictionary} has only {available}; name the board's own dictionary"
+            f"{text} charuco: {board.markers} markers, {board.dictionary} has only {available}; name the board's own dictionary"
         )
     return board

@@ -41,7 +41,11 @@ FAMILIES = (
 )
 """Dictionaries that extend each other, the smallest first: a marker of the smallest is in all of its family."""
 FEWEST_MARKERS = 6
-LARGEST_TRIED = 24
+MOST_TRIED = 23
+"""Most corners of a row or a column of the boards that are tried."""
+MOST_MARKERS = (MOST_TRIED + 1) ** 2 // 2
+OUTLIER_PASSES = 100
+"""Of LEAST_AGREEING four are picked together long before; OpenCV's 2,000 take most of a search that finds nothing."""
 OFF_SQUARES = 0.2
 """Largest distance, in squares, of a marker from its place in a layout."""
 LEAST_AGREEING = 0.8
@@ -132,7 +136,7 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
     """Corner numbers (N,) and positions (N, 2) to a pixel, from the image or, where that shows too few, enlarged."""
     best: tuple[NDArray[np.int64], Array] = np.zeros(0, np.int64), np.zeros((0, 2))
     for scale in SCALES:
-        markers, middles = _markers_in(_enlarged(image, scale), board.dictionary)
+        markers, middles = _markers_in(_enlarged(image, scale), board.dictionary, board.markers)
         found = _beside(markers, (middles + 0.5) / scale - 0.5, board)
         if len(found[0]) > len(best[0]):
             best = found
@@ -205,10 +209,9 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
             f"blurred: edges {fitted.blur_px:.1f} px wide, {SHARP_ENOUGH_PX:g} is the most; hold it still, or focus"
         )
     sound = fitted.misfit < WORST_MISFIT
-    if not sound.any() and (other := _named_by_markers(image, board)):
-        raise BoardError(other)
     if (clear := int(sound.sum())) < FEWEST_CORNERS:
-        raise BoardError(f"only {clear} of its corners are clear, {FEWEST_CORNERS} are needed: glare, or covered?")
+        few = f"only {clear} of its corners are clear, {FEWEST_CORNERS} are needed: glare, or covered?"
+        raise BoardError(_named_by_markers(image, board) or few)
     return SeenBoard(ids[sound], fitted.corners_px[sound], fitted.blur_px)
 
 
@@ -241,21 +244,24 @@ def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple
     """Boards that fit the markers in view, each with their number: the named one first, else the smallest."""
     picture = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
     for family in FAMILIES:
-        ids, middles = _markers_in(picture, family[-1])
+        ids, middles = _markers_in(picture, family[-1], max(board.markers, MOST_MARKERS))
         if len(ids) < FEWEST_MARKERS:
             continue
         if (fit := _best_layout(ids, middles, board)) is None:
             continue
         columns, rows, legacy = fit
-        for name in _smallest(family, (columns + 1) * (rows + 1) // 2, board.dictionary):
-            named = replace(board, kind="charuco", columns=columns, rows=rows, dictionary=name, legacy=legacy)
-            yield len(ids), mirrored, named
+        sized = replace(board, kind="charuco", columns=columns, rows=rows, legacy=legacy)
+        for name in _smallest(family, sized.markers, board.dictionary):
+            yield len(ids), mirrored, replace(sized, dictionary=name)
 
 
 def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
     """Columns, rows, legacy of the layout that fits most markers, the named size first and then small ones."""
-    sizes = [(columns, rows) for columns in range(3, LARGEST_TRIED) for rows in range(3, LARGEST_TRIED)]
-    sizes = [(board.columns, board.rows), (board.rows, board.columns), *sizes]
+    sizes = [(board.columns, board.rows), (board.rows, board.columns)]
+    for columns in range(3, MOST_TRIED + 1):
+        # Further rows number the markers alike: the fewest that have all markers, or one more, where `legacy` counts.
+        fewest = max(3, -(-2 * (int(ids.max()) + 1) // (columns + 1)) - 1)
+        sizes += [(columns, rows) for rows in (fewest, fewest + 1) if rows <= MOST_TRIED]
     best, most = None, LEAST_AGREEING * len(ids)
     for columns, rows in sizes:
         for legacy in (board.legacy, not board.legacy):
@@ -267,12 +273,15 @@ def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[
     return best
 
 
-def _markers_in(image: Grey, dictionary: str) -> tuple[NDArray[np.int64], Array]:
-    """Numbers (N,) and middles (N, 2) px of the markers in view."""
+def _markers_in(image: Grey, name: str, most: int) -> tuple[NDArray[np.int64], Array]:
+    """Numbers (N,) and middles (N, 2) px of the markers in view, of the first `most` of a dictionary: to compare each
+    candidate with more takes longer than all else."""
     # Of modules a few px wide only the middle is read: blur mixes the rim with the neighbours.
     parameters = cv2.aruco.DetectorParameters()
     parameters.perspectiveRemovePixelPerCell, parameters.perspectiveRemoveIgnoredMarginPerCell = 8, 0.3
-    detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary), parameters)
+    every = dictionary_named(name)
+    dictionary = cv2.aruco.Dictionary(every.bytesList[:most], every.markerSize, every.maxCorrectionBits)
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return np.zeros(0, np.int64), np.zeros((0, 2))
@@ -294,7 +303,9 @@ def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, l
     places = marker_squares(columns, rows, legacy)
     if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):
         return 0
-    squares_from_image, kept = cv2.findHomography(middles, places[ids].astype(float), cv2.RANSAC, OFF_SQUARES)
+    squares_from_image, kept = cv2.findHomography(
+        middles, places[ids].astype(float), cv2.RANSAC, OFF_SQUARES, maxIters=OUTLIER_PASSES
+    )
     if squares_from_image is None or np.linalg.det(squares_from_image) <= 0:
         return 0
     return int(kept.sum())
@@ -304,8 +315,8 @@ def _named_by_squares(image: Grey, board: Board) -> str | None:
     """A message with the size of the chessboard in view; None where there is none, or it has the named size."""
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
-    if not found or meta is None or min(meta.shape[:2]) < 3:
-        return None
+    if not found or meta is None or min(meta.shape[:2]) < 3 or meta.shape[:2] == (3, 3):
+        return None  # 3 x 3 of a larger board, or of any pattern, are seen easily
     rows, columns = meta.shape[:2]
     if sorted((rows, columns)) == sorted((board.rows, board.columns)):
         return None

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, parse_board
-from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _beside, find_board
+from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, marker_squares, parse_board
+from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _best_layout, _beside, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
@@ -148,6 +148,37 @@ def test_only_a_mirrored_picture_is_called_mirrored() -> None:
         find_board(np.ascontiguousarray(image[:, ::-1]), board)
     with pytest.raises(BoardError, match="only 0 of its corners"):
         find_board(np.full_like(image, 128), board)
+
+
+@pytest.mark.parametrize(("columns", "rows", "legacy"), [(8, 7, True), (8, 7, False), (12, 5, True), (5, 11, False)])
+def test_the_smallest_layout_that_numbers_the_markers_in_view_is_found_as_by_trying_every_one(
+    columns: int, rows: int, legacy: bool
+) -> None:
+    squares = marker_squares(columns, rows, legacy)
+    ids = np.arange(5, len(squares) - 3)
+    middles = squares[ids] @ [[7.0, 2.0], [-2.0, 7.0]] + 100.0
+    middles[2] += 60.0  # of 20 or more one is misread
+    named = Board(9, 6, 16.0, "charuco")
+    every = [(c, r, old) for c in range(3, 14) for r in range(3, 14) for old in (False, True)]
+    agreeing = [_agreeing(ids, middles, *one) for one in every]
+    assert max(agreeing) == len(ids) - 1
+    assert _best_layout(ids, middles, named) == every[int(np.argmax(agreeing))]
+
+
+def test_three_by_three_corners_of_any_pattern_are_no_board_of_that_size() -> None:
+    """OpenCV finds so many in noise."""
+    noise = np.random.default_rng(3).integers(0, 255, (480, 640)).astype(np.uint8)
+    noise = np.asarray(cv2.resize(noise, (1280, 960), interpolation=cv2.INTER_CUBIC), np.uint8)
+    with pytest.raises(BoardError, match="no 9x6 board in view: all its inner corners must show"):
+        find_board(noise, Board(9, 6, 16.0))
+
+
+def test_a_charuco_board_whose_markers_hide_most_corners_of_a_chessboard_is_named() -> None:
+    printed = Board(9, 6, 16.0, "charuco", dictionary="DICT_5X5_100")
+    rng = np.random.default_rng(12)
+    pose = tilted(printed, rng, rng.uniform(260, 420))
+    with pytest.raises(BoardError, match="give `9x6 16 charuco DICT_5X5_50`"):
+        find_board(Painter(RIG.left, printed).picture(pose, rng), Board(9, 6, 16.0))
 
 
 @pytest.mark.parametrize("legacy", [False, True])
