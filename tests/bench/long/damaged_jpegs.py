@@ -5,8 +5,9 @@ usage: python -m tests.bench.long.damaged_jpegs [COUNT]
 COUNT frames (10,000) as cameras send them, in turn: cut short, ended early, 1 to 60 bytes lost inside, a packet lost,
 one bit flipped, padded before or behind the end mark, and sound. `read`: as every frame is (drivers/camera/pixels.py);
 `visible`: of these, those with a pixel off by more than a block of a still scene may be; `used`: of these, those that a
-look takes for a still scene beside a sound frame (daemon/arm/settling.py): their blocks keep their means. USB's own
-checksums exclude lost bytes short of a packet and flipped bits.
+look takes for a still scene beside a sound frame (daemon/arm/settling.py): their blocks keep their means. `worst`: how
+far their worst pixel is off, and `share`: how much of the picture is off visibly, each half of these frames and 99 % of
+them. USB's own checksums exclude lost bytes short of a packet and flipped bits.
 """
 
 import sys
@@ -52,7 +53,8 @@ def main() -> None:
     rng = np.random.default_rng(0)
     frames = [frame(rng) for _ in range(FRAMES)]
     pictures = [read_grey(one, LAYOUT) for one in frames]
-    tried, read, visible, used = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    tried, read, visible = Counter[str](), Counter[str](), Counter[str]()
+    used: dict[str, list[tuple[float, float]]] = {kind: [] for kind in KINDS}
     for k in range(count):
         kind, which = KINDS[k % len(KINDS)], k // len(KINDS) % FRAMES
         tried[kind] += 1
@@ -62,15 +64,20 @@ def main() -> None:
             continue
         read[kind] += 1
         if not np.array_equal(image, pictures[which]):
-            worst = np.abs(image.astype(float) - pictures[which]).max()
-            visible[kind] += bool(worst > VISIBLE_GREY)
-            used[kind] += bool(worst > VISIBLE_GREY) and change(pictures[which], image)[0] <= VISIBLE_GREY
-    print(f"{'frames':12}{'tried':>7}{'read':>7}{'visible':>9}{'used':>6}")
+            off = np.abs(image.astype(float) - pictures[which])
+            if off.max() > VISIBLE_GREY:
+                visible[kind] += 1
+                if change(pictures[which], image)[0] <= VISIBLE_GREY:
+                    used[kind].append((off.max(), (off > VISIBLE_GREY).mean()))
+    print(f"{'frames':12}{'tried':>7}{'read':>7}{'visible':>9}{'used':>6}{'worst':>10}{'share, %':>12}")
     for kind in KINDS:
-        print(f"{kind:12}{tried[kind]:7}{read[kind]:7}{visible[kind]:9}{used[kind]:6}")
-    print(
-        f"{sum(used.values())} of {count} damaged frames used, {sum(tried[k] - read[k] for k in SOUND)} sound refused"
-    )
+        row = f"{kind:12}{tried[kind]:7}{read[kind]:7}{visible[kind]:9}{len(used[kind]):6}"
+        if used[kind]:
+            (worst, most), (share, largest) = (np.quantile(one, [0.5, 0.99]) for one in np.transpose(used[kind]))
+            row += f"{worst:6.0f} {most:3.0f}{100 * share:7.2f} {100 * largest:4.2f}"
+        print(row)
+    all_used = sum(map(len, used.values()))
+    print(f"{all_used} of {count} damaged frames used, {sum(tried[k] - read[k] for k in SOUND)} sound refused")
 
 
 if __name__ == "__main__":
