@@ -146,6 +146,7 @@ def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board
     available = len(dictionary_named(board.dictionary).bytesList)
     if available < board.markers:
         raise BoardError(
-            f"{text} charuco: {board.markers} markers, {board.dictionary} has only {available}; name the board's own dictionary"
+            f"{text} charuco: {board.markers} markers, {board.dictionary} has only {available}; "
+            "name the board's own dictionary"
         )
     return board

@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, marker_squares, parse_board
-from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _best_layout, _beside, find_board
+from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _beside, _best_layout, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
