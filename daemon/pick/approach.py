@@ -57,7 +57,6 @@ async def looking(
         return await _elsewhere(
             context, world, "its corners are not where the look before had them", DecisionCode.MOVED_BETWEEN_LOOKS
         )
-    world.failures += 1
     world.odd["not seen where it was thought to lie"] += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
@@ -124,7 +123,7 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     before, now = [await whole_look(compute, recogniser, seen) for seen in (target.looked_before, target.look)]
     old, new = others(target, before), others(target, now)
     moved = await compute(beside, old, new, recogniser.shape, context.cell.rig, settings.doubt)
-    who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
+    who = "camera" if now.epipolar_px > settings.epipolar_limit_px else pose_fusion.suspect(moved)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
     context.decide(f"suspect: {who}", text, suspected(who), label=target.label, chi2=chi)
     world.odd["two looks at the part differ by more than both may err"] += 1

@@ -149,7 +149,7 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
             DecisionCode.PLANNED_AGAIN,
         )
         return
-    who = pose_fusion.suspect(others, 0.0, context.settings.epipolar_limit_px)
+    who = pose_fusion.suspect(others)
     why = "the whole table was looked at again, and held against the look before"
     context.decide(f"suspect: {who}", why, suspected(who))
     if who == "unclear":

@@ -152,8 +152,6 @@ def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_pa
     """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
     taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
     the same plane, or hollow, another part begins."""
-    if not mine:
-        return set()
     ends = [shape.corners_mm[[a, b]] for (a, b), place in shape.edges.items() if place not in shape.across]
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
     beyond, new = set[int](), set[int]()

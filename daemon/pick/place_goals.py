@@ -232,7 +232,7 @@ def too_tight(goals: Mapping[str, Goal]) -> dict[str, str]:
         across = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
         widths = np.ptp(points @ across.T, axis=0)
         middles = np.array([goal.centre[:2] for goal in places])
-        for number, goal in enumerate(places[1:], start=1):
+        for number, goal in enumerate(places):
             apart = np.abs((middles[:number] - middles[number]) @ across.T)
             bars = np.flatnonzero((apart < widths - TOUCH_MM).all(axis=1))
             if len(bars):

@@ -7,6 +7,7 @@ much more sharply than either is known.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -141,14 +142,8 @@ def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:
     return float(motion @ np.linalg.solve(covariance, motion))
 
 
-def suspect(others: Sequence[float], epipolar_px: float, epipolar_limit_px: float) -> str:
-    """Which is to blame when a look at the target disagrees: `camera`, `hand-eye`, `part` or `unclear`.
-
-    others: chi-squares of the other parts followed through the same two looks; epipolar_px: how far matched corners lie
-    from their epipolar lines now (a knocked eye shows there).
-    """
-    if epipolar_px > epipolar_limit_px:
-        return "camera"
+def suspect(others: Sequence[float]) -> Literal["hand-eye", "part", "unclear"]:
+    """Which is to blame when two looks at the target disagree. others: chi-squares of the other parts in them."""
     if not others:
         return "unclear"
     return "hand-eye" if sum(c > CHI_SQUARE_6 for c in others) * 2 >= len(others) else "part"

@@ -11,7 +11,8 @@ in a process forked before anything was: all tests run there, those that run som
 test notices is printed with its line. --rooms: arm, val2, pick and calibration unless said otherwise; --only: those of
 the sample whose description (`file:line: kind: text`) holds the text; --each: all there are whose description does,
 instead of a sample; --from: the sample without its first so many; --kept: what is known of each test, and what became
-of each mutation, is added to this file, and what stands there is not tried again (a line struck out is).
+of each mutation, is added to this file. A mutation that was noticed is not tried again; a test is run again once its
+own file, or one that it runs something of, has changed: functions may have other names now.
 
 A comparison of counts (an int literal, len(), a range, count ...) changes at its boundary, `<` to `<=`. One of measured
 floats is negated instead: their equality never comes about, so that no test could notice its boundary.
@@ -23,6 +24,7 @@ import argparse
 import ast
 import copy
 import gc
+import hashlib
 import importlib
 import inspect
 import json
@@ -36,7 +38,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import _lru_cache_wrapper, partial
+from functools import _lru_cache_wrapper, cache, partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -130,8 +132,9 @@ def mutations(file: str) -> Iterator[Mutation]:
 
 
 def _changes(tree: ast.Module) -> Iterator[Change]:
+    left_over = set(_left_over(tree))
     for function in _functions(tree):
-        for node in ast.walk(function):
+        for node in [node for node in ast.walk(function) if node not in left_over]:
             yield from _of_expression(node)
         yield from _of_body(function)
     for body in (tree.body, *(c.body for c in ast.walk(tree) if isinstance(c, ast.ClassDef))):
@@ -139,6 +142,15 @@ def _changes(tree: ast.Module) -> Iterator[Change]:
             if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
                 for node in ast.walk(statement.value):
                     yield from _of_expression(node)
+
+
+def _left_over(tree: ast.Module) -> Iterator[ast.AST]:
+    """The 1 of each -1 that reshape is given: numpy takes any number below zero for what is left over."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("reshape"):
+            for part in (part for given in node.args for part in ast.walk(given)):
+                if isinstance(part, ast.UnaryOp) and isinstance(part.op, ast.USub):
+                    yield part.operand
 
 
 def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
@@ -325,6 +337,20 @@ class Known:
     runs: frozenset[tuple[str, str]]
 
 
+def digest_of(nodeid: str, known: Known) -> str:
+    """Of the text of the file of a test, and of those that it runs something of."""
+    files = {nodeid.partition("::")[0], *(file for file, _ in known.runs)} - {""}
+    digest = hashlib.sha256()
+    for path in [ROOT / file for file in sorted(files)]:
+        digest.update(_content(path) if path.exists() else b"")
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _content(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
 def _forked(work: Callable[[Connection], None]) -> tuple[Connection, BaseProcess]:
     """A process like this one, its end of a pipe given to `work`; what it prints is nobody's."""
     mine, its = FORK.Pipe(duplex=False)
@@ -352,10 +378,12 @@ class Kept:
     file: Path | None
 
     def tests(self) -> dict[str, Known | None]:
-        """None of a test that fails without any wrong."""
+        """None of a test that fails without any wrong. Only of those whose files are as they were then."""
         found = {}
-        for nodeid, took_s, runs in self._lines("test"):
-            found[nodeid] = None if took_s is None else Known(took_s, frozenset((file, name) for file, name in runs))
+        for nodeid, took_s, runs, digest in self._lines("test"):
+            known = Known(took_s or 0.0, frozenset((file, name) for file, name in runs))
+            if digest == digest_of(nodeid, known):
+                found[nodeid] = None if took_s is None else known
         return found
 
     def mutations(self) -> list[Found]:
@@ -515,8 +543,8 @@ def _caches() -> list[Any]:
 
 
 def _forget(caches: Iterable[Any]) -> None:
-    for cache in caches:
-        cache.cache_clear()
+    for kept in caches:
+        kept.cache_clear()
 
 
 def _module(file: str) -> str:
@@ -554,7 +582,7 @@ def learnt(tests: Sequence[str], kept: Kept) -> dict[str, Known]:
     while (told := mine.recv()) is not None:
         nodeid, failed, known = told
         found[nodeid] = None if failed else known
-        kept.add("test", nodeid, *((None, ()) if failed else (known.took_s, sorted(known.runs))))
+        kept.add("test", nodeid, None if failed else known.took_s, sorted(known.runs), digest_of(nodeid, known))
     process.join()
     assert found, "the tests cannot be run: whatever is tried then seems to be noticed"
     for nodeid in [nodeid for nodeid, known in found.items() if known is None]:
@@ -618,7 +646,7 @@ def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
 def run(chosen: Sequence[Mutation], tests: Callable[[Mutation], Sequence[str]], kept: Kept) -> list[Found]:
     """What becomes of each, or became; tests: of a mutation, the file's own first."""
     of_these = {str(mutation) for mutation in chosen}
-    found = [one for one in kept.mutations() if one[0] in of_these]
+    found = [one for one in kept.mutations() if one[0] in of_these and one[1] != "LIVES"]
     chosen = [m for m in chosen if str(m) not in {text for text, _, _ in found}]
 
     def judged(mutation: Mutation, test: str) -> None:

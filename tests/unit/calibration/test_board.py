@@ -10,7 +10,15 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, marker_squares, parse_board
-from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _beside, _best_layout, find_board
+from daemon.calibration.board_detection import (
+    FAMILIES,
+    FEWEST_CORNERS,
+    _agreeing,
+    _beside,
+    _best_layout,
+    _smallest,
+    find_board,
+)
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
@@ -115,6 +123,15 @@ def test_a_board_that_is_another_than_was_named_is_named(printed: Board, named: 
         find_board(picture(printed), named)
     assert offered in str(error.value)
     assert "mirrored" not in str(error.value)
+
+
+@pytest.mark.parametrize(("markers", "dictionary"), [(50, "4X4_50"), (51, "4X4_100"), (1000, "4X4_1000")])
+def test_the_dictionary_of_a_board_that_nobody_named_is_the_smallest_that_has_its_markers(
+    markers: int, dictionary: str
+) -> None:
+    (family,) = (names for names in FAMILIES if "DICT_4X4_50" in names)
+    assert _smallest(family, markers, "") == [f"DICT_{dictionary}"]
+    assert _smallest(family, 1001, "") == []
 
 
 @pytest.mark.parametrize("legacy", [False, True])

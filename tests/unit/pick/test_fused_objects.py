@@ -205,6 +205,8 @@ def test_where_looks_cannot_be_fused_what_each_says_by_itself_stands(
     named, nameless = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
     assert labels([named, nameless], recogniser) == ["block", "unknown"]
     assert labels([nameless, named], recogniser) == ["block"], "what has no name is the newest look's"
+    (newest,) = known([named, again := look_from(recogniser, 135, 40, 2)], recogniser, Doubt())
+    assert newest.look is again
 
 
 def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: ModelRecogniser) -> None:

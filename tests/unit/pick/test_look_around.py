@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.arm.belief import BeliefSource
 from daemon.arm.operators import OperatorRefusedError, RefusedError
-from daemon.pick import find
+from daemon.arrays import Array
+from daemon.pick import find, set_down
 from daemon.pick.cycle import PickCycle
 from daemon.pick.find import in_all
+from daemon.pick.looks import Taken
+from daemon.pick.set_down import MOST_LOOKS
 from daemon.pick.world import Gained, WorldModel
+from daemon.vision.refine import Fit
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
@@ -178,6 +184,26 @@ def test_without_a_model_nothing_is_looked_for_and_the_arm_does_not_set_out() ->
         with pytest.raises(RefusedError, match="there is no model"):
             asyncio.run(act())
     assert moves(world) == 0
+
+
+def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = one_part()
+    cycle = cycle_of(world)
+    asyncio.run(cycle.go("survey"))
+    monkeypatch.setattr(set_down, "at_place", lambda _, pose: partial(_shows_at, pose))
+    pose = asyncio.run(cycle.locate("cube"))
+    looks = world.said("look")[1:]
+    assert len(looks) == MOST_LOOKS
+    rays = [np.array(look["world_from_cyclopean"])[:3, 3] - pose[:3, 3] for look in looks]
+    rays = [ray / np.linalg.norm(ray) for ray in rays]
+    assert max(float(a @ b) for k, a in enumerate(rays) for b in rays[:k]) < np.cos(np.radians(30.0))
+    with pytest.raises(RefusedError, match="0 parts show as pyramid"):
+        asyncio.run(cycle.locate("pyramid"))
+
+
+def _shows_at(pose: Array, taken: Taken) -> Fit:
+    """The edges of a part that show where it lies."""
+    return Fit(frames.inverse(taken.world_from_cyclopean) @ pose, 1e-4 * np.eye(6), 0.1, 9)
 
 
 def test_dry_it_looks_once_and_nothing_moves() -> None:

@@ -81,6 +81,14 @@ def test_where_the_expected_is_not_found_everything_is_looked_for():
     assert whole is look
     assert record["whole"] is True
     assert record["scene"]["parts"] == ["cube"]
+    assert not {"unmatched", "nothing"} & set(record["scene"]), "why nothing was found is logged where nothing was"
+
+
+def test_a_look_is_from_where_the_two_cameras_are():
+    look, *_ = taken(None)
+    for eye, camera in zip(look.eyes, (look.taken.rig.left, look.taken.rig.right), strict=True):
+        middle = frames.apply(look.world_from_cyclopean, camera.cyclopean_from_camera[None, :3, 3])
+        np.testing.assert_allclose(eye, middle[0])
 
 
 def test_a_look_that_followed_a_part_hints_at_nothing_of_the_calibration():

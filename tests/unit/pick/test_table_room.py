@@ -77,6 +77,16 @@ def test_a_thing_takes_up_a_circle_around_all_that_is_known_of_it_as_high_as_its
         assert top == each[:, 2].max()
 
 
+@pytest.mark.parametrize(
+    ("middle_mm", "top_mm", "hidden"),
+    [((50.0, 0.0), 60.0, True), ((50.0, 0.0), 40.0, False), ((150.0, 0.0), 150.0, False), ((50.0, 30.0), 60.0, False)],
+    ids=["before it", "too low", "beyond the camera", "beside"],
+)
+def test_a_point_is_hidden_by_what_is_as_high_as_its_ray_on_the_way_to_the_camera(middle_mm, top_mm, hidden):
+    beside = Beside(np.array([middle_mm]), np.array([5.0]), np.array([top_mm]))
+    assert beside.hides(np.zeros((1, 3)), np.array([100.0, 0.0, 100.0])) is hidden
+
+
 @given(st.tuples(AMONG, AMONG, AMONG), st.tuples(AMONG, AMONG, st.floats(1.5, 90.0)), st.floats(2.0, 40.0), AMONG)
 def test_a_point_is_hidden_where_its_ray_to_the_eye_crosses_what_lies_beside(point, up, radius, top):
     beside = Beside(np.array([[5.0, -10.0]]), np.array([radius]), np.array([top]))

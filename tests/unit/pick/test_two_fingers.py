@@ -190,6 +190,23 @@ def test_a_part_is_taken_where_it_is_round_only_if_no_flat_side_will_do():
     assert {grasp.risk for grasp in grasps(solid, lying, -300.0, GRIPPER) if grasp.rounded} == {1.0}
 
 
+@pytest.mark.parametrize(("opposite", "held"), [("round", True), ("edge", False), ("flat", True)])
+def test_a_part_that_is_round_for_one_finger_is_held_by_a_round_or_flat_side_for_the_other_and_not_by_an_edge(
+    opposite, held
+):
+    turns = np.radians(np.arange(0.0, 181.0, 5.0))
+    outline = [(15.0 * np.cos(turn), 15.0 * np.sin(turn)) for turn in turns]
+    lower = {"round": [(x, -y) for x, y in outline[-2:0:-1]], "edge": [(0.0, -15.0)], "flat": [(-15, -15), (15, -15)]}
+    corners, rings = prism([*outline, *lower[opposite]], 40.0)
+    strips = [ring for ring in rings if len(ring) == 4 and np.ptp(corners[list(ring)], axis=0)[:2].max() < 2.0]
+    flat = [ring for ring in rings if ring not in strips]
+    solid = exact(corners - [0.0, 0.0, 20.0], [*flat, *strips])
+    contact = two_fingers.contacts(two_fingers._sides(solid, len(flat)), np.array([0.0, 0.0, -1.0]), GRIPPER)
+    assert (contact is not None) is held
+    if contact is not None:
+        assert contact.rounded is (opposite == "round")
+
+
 def test_the_centre_of_mass_of_two_joined_blocks_is_where_their_weights_say():
     corners, rings = prism([(0, 0), (60, 0), (60, 20), (20, 20), (20, 60), (0, 60)], 30.0)
     expected = (np.array([30, 10, 15]) * 60 * 20 + np.array([10, 40, 15]) * 20 * 40) / (60 * 20 + 20 * 40)

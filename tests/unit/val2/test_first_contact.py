@@ -164,13 +164,14 @@ def met(
         came = None
         if isinstance(step, Speed):
             terminal.speed = step.baud
+        elif isinstance(step, Exchange):
+            assert step.quiet_s <= step.most_s, "silence ends it before its time is up"
+            came = terminal.hears(step)
         elif isinstance(step, Tell):
             told.append(step.text)
-        elif isinstance(step, Consult):
+        else:
             asked.append(step)
             came = says(step)
-        else:
-            came = terminal.hears(step)
 
 
 def no_moves(consult: Consult) -> str:
