@@ -19,7 +19,6 @@ import argparse
 import contextlib
 import difflib
 import importlib
-import importlib.metadata
 import json
 import os
 import re
@@ -29,6 +28,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from daemon import VERSION
 from daemon.console.aliases import job_words
 from daemon.console.stop_words import withdraws_permission
 from daemon.errors import DONE as DONE
@@ -86,7 +86,7 @@ OWN: dict[str, tuple[str, str]] = {
 """The tool's own commands: usage and meaning."""
 BOTH = ("train", "calibrate", "cameras", "model", "doctor", "bundle")
 """Commands of the daemon that also work without it."""
-HELP, VERSION = ("-h", "--help"), "--version"
+HELP, VERSION_OPTION = ("-h", "--help"), "--version"
 LARGEST_SCRIPT = 1_000_000
 OWN_CODES = re.compile(r"(\A\r|\x1b\[\d*m)")
 
@@ -133,8 +133,8 @@ def _main(arguments: list[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     socket_path, as_json = _take_options(words)
     words = job_words(words)
-    if VERSION in words:
-        print(f"facetctl {importlib.metadata.version('facetd')}")
+    if VERSION_OPTION in words:
+        print(f"facetctl {VERSION}")
         return DONE
     try:
         if not words or any(word in HELP for word in words):

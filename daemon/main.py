@@ -8,13 +8,13 @@ import argparse
 import asyncio
 import contextlib
 import gc
-import importlib.metadata
 import logging
 import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from daemon import VERSION
 from daemon.store import folders
 from daemon.store.outside import fill_standard_files
 
@@ -37,8 +37,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--config", type=Path, default=folders.config_file(), metavar="FILE", help=named)
     made.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
     made.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
-    version = f"facetd {importlib.metadata.version('facetd')}"
-    made.add_argument("--version", action="version", version=version, help="the program's version")
+    made.add_argument("--version", action="version", version=f"facetd {VERSION}", help="the program's version")
     return made
 
 

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Coroutine
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from daemon.frontends.rights import FrontendError, Rights
 from daemon.frontends.serial_terminal import SerialFrontend
 from daemon.frontends.socket_server import SocketServer
 from daemon.maintenance import journal
-from daemon.maintenance.metrics import MetricsServer
 from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
@@ -58,6 +57,9 @@ from daemon.store.runlog import RunLog
 from daemon.store.runs import enforce_quota, list_runs, new_folder
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
+
+if TYPE_CHECKING:
+    from daemon.maintenance.metrics import MetricsServer
 
 STOPPED, NO_DEVICE, BAD_CONFIGURATION = 0, 2, 78
 AT_START = (
@@ -292,6 +294,8 @@ class Service:
             )
             self.in_background(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
+            from daemon.maintenance.metrics import MetricsServer  # with it HTTP, for which few ask
+
             self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
         if values.modbus is not None:

@@ -3,7 +3,7 @@
 #
 # usage: build.sh [ARCH...]     amd64, arm64 (default: both)
 #   EXTRAS=no                   only the package facetd
-#   VERSION=1.2.3               instead of pyproject.toml's
+#   VERSION=1.2.3               instead of daemon/__init__.py's
 #   COMPRESS=gzip               faster, for a test (default: xz)
 #   LINTIAN=yes                 and look for errors with lintian
 # Missing build tools are installed with apt where this runs as root. Wheels come from pip's index.
@@ -17,7 +17,7 @@ if ! dpkg -s "${tools[@]}" >/dev/null 2>&1; then
     apt-get -qq update
     DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends "${tools[@]}" >/dev/null
 fi
-version=${VERSION:-$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)}
+version=${VERSION:-$(sed -n 's/^VERSION = "\(.*\)"/\1/p' daemon/__init__.py)}
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct 2>/dev/null || stat -c %Y pyproject.toml)
 export SOURCE_DATE_EPOCH
 profiles=(); [[ ${EXTRAS:-yes} == yes ]] || profiles=(--build-profiles=pkg.facetd.noextras)
@@ -28,7 +28,7 @@ for arch in "$@"; do
     mkdir -p "$stage"
     cp -a daemon drivers etc docs deploy debian pyproject.toml README.md LICENSE "$stage/"
     find "$stage" -name __pycache__ -prune -exec rm -rf {} +
-    sed -i "s/^version = .*/version = \"$version\"/" "$stage/pyproject.toml"
+    sed -i "s/^VERSION = .*/VERSION = \"$version\"/" "$stage/daemon/__init__.py"
     cat >"$stage/debian/changelog" <<END
 facetd ($version) unstable; urgency=medium
 

@@ -7,13 +7,14 @@ what `cell` in facetd.yaml names, its section there is `backend`.
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from daemon.arm import ArmModel, Beliefs
 from daemon.config import Config
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from daemon.cell.hardware import Hardware
 
 OWN = {
@@ -50,6 +51,8 @@ def backend_of(config: Config) -> CellBackend:
         module, name = OWN[config.kind].split(":")
         found: CellBackend = getattr(import_module(module), name)
         return found
+    from importlib.metadata import entry_points  # for a back-end of others alone: it takes 10 ms
+
     others = {one.name: one for one in entry_points(group=GROUP)}
     if config.kind not in others:
         known = ", ".join((*OWN, *sorted(others)))
@@ -57,7 +60,7 @@ def backend_of(config: Config) -> CellBackend:
     return _loaded(config, others[config.kind])
 
 
-def _loaded(config: Config, plug: EntryPoint) -> CellBackend:
+def _loaded(config: Config, plug: "EntryPoint") -> CellBackend:
     try:
         found = plug.load()
     except (ImportError, AttributeError) as error:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon import VERSION
 from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.placing import counted, destinations, each_place
@@ -14,7 +15,7 @@ from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
 from daemon.config import gripper_unknown
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
+from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.maintenance.doctor import mend_of
@@ -52,7 +53,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         f"model     {in_use}; knows {', '.join(model.labels)}"
         if model.labels
         else "model     none yet: `teach`, then `train`",
-        f"so far    {_counted(state)}; up {up}; facetd {version()}",
+        f"so far    {_counted(state)}; up {up}; facetd {VERSION}",
         f"run       {context.run_log.folder}",
     ]
     pick_order = context.cycle.pick_order
@@ -76,7 +77,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     lines[1:1] = _to_do(state)
     data: dict[str, Any] = {
         **state,
-        "version": version(),
+        "version": VERSION,
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
         "gripper": context.config.gripper,

@@ -4,7 +4,6 @@ service.py builds it, starts and ends its parts.
 """
 
 import asyncio
-import importlib.metadata
 import socket
 import time
 from collections import Counter
@@ -14,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Protocol
 
+from daemon import VERSION
 from daemon.arm import EyeName, Recorder
 from daemon.calibration.file import Calibration
 from daemon.cell.hardware import EXPECTED_ERRORS, Hardware
@@ -173,7 +173,7 @@ class CommandContext:
         model = None if model_store.current is None else log.keep(model_store.path(model_store.current))
         log.record(
             "run_start",
-            version=importlib.metadata.version("facetd"),
+            version=VERSION,
             cell=self.hardware.kind,
             name=socket.gethostname(),
             utc_offset_s=int((datetime.now().astimezone().utcoffset() or timedelta()).total_seconds()),

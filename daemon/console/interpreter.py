@@ -5,7 +5,6 @@ The table of commands, look-up by name, help, permission, the record of each com
 
 import contextlib
 import difflib
-import importlib.metadata
 import inspect
 import shlex
 import traceback
@@ -13,6 +12,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
+from daemon import VERSION
 from daemon.arm import said
 from daemon.console.aliases import JOBS, aliases_of
 from daemon.console.context import ANSWERABLE, CommandContext
@@ -216,7 +216,7 @@ class Interpreter:
             return CommandResult("")
         try:
             if VERSION_WORDS[0] in words or words == ["version"]:
-                return CommandResult(f"facetd {version()}", {"version": version()})
+                return CommandResult(f"facetd {VERSION}", {"version": VERSION})
             command = self._find(words[0])
             if any(word in HELP_WORDS for word in words[1:]):
                 return _described(command, frontend)
@@ -360,11 +360,6 @@ class Interpreter:
             return replace(answer, text=await by_pages(answer.text, frontend))
         every_line = table([(c.usage, c.summary) for c in self.commands.values()], frontend.columns)
         return CommandResult(await by_pages(every_line, frontend), {"commands": every})
-
-
-def version() -> str:
-    """The version of the program."""
-    return importlib.metadata.version("facetd")
 
 
 def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:

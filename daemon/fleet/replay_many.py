@@ -5,7 +5,6 @@ on: a job whose file exists is done, and an interrupted replay continues from th
 """
 
 import hashlib
-import importlib.metadata
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from daemon import VERSION
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.fleet.replay_results import Json, result_of
@@ -85,11 +85,6 @@ class ReplayJob:
     release: str
 
 
-def release() -> str:
-    """The version of facetd here."""
-    return importlib.metadata.version("facetd")
-
-
 def replay_with(names: Sequence[str]) -> ReplayWith:
     """Interpret each `--with`: a model (a file, 3, latest), a calibration, or the section `vision` of a facetd.yaml.
 
@@ -135,7 +130,7 @@ def runs_in_store(store: Store) -> list[Run]:
 
 def jobs_of(runs: Iterable[Run], chosen: ReplayWith, out: str) -> list[ReplayJob]:
     """Divide the runs into jobs; the same runs, files and release give the same jobs."""
-    with_digest, version = chosen.digest(), release()
+    with_digest, version = chosen.digest(), VERSION
     found = []
     for run in runs:
         for begin in range(0, len(run.looks), LOOKS_A_JOB):
@@ -154,8 +149,8 @@ def replay_here(runs: Iterable[tuple[str, Path, Digest]], chosen: ReplayWith) ->
 def work(job: ReplayJob) -> str:
     """Do a job on a worker, unless its result exists; returns its key. Raises whatever prevents it."""
     out = open_store(job.out)
-    if release() != job.release:
-        raise StoreError(f"this worker has facetd {release()}, the replay began with {job.release}")
+    if job.release != VERSION:
+        raise StoreError(f"this worker has facetd {VERSION}, the replay began with {job.release}")
     if out.fs.exists(out.path("done", f"{job.key}.json")):
         return job.key
     with tempfile.TemporaryDirectory(prefix="facetd-replay-") as spare:

@@ -5,7 +5,6 @@ limit, journal, versions, and the kernel's messages about devices.
 """
 
 import contextlib
-import importlib.metadata
 import io
 import json
 import os
@@ -72,6 +71,8 @@ def _add(archive: tarfile.TarFile, name: str, file: BinaryIO, most_bytes: int) -
 def _texts(config: Config) -> Iterator[tuple[str, bytes]]:
     findings = doctor.examine(config, running=True)
     yield "doctor.txt", "\n".join(finding.line() for finding in findings).encode()
+    import importlib.metadata
+
     versions = {d.name: d.version for d in importlib.metadata.distributions()}
     about = {"python": sys.version, "machine": platform.platform(), "packages": dict(sorted(versions.items()))}
     yield "versions.json", json.dumps(about, indent=1).encode()

@@ -53,7 +53,6 @@ from daemon.store.place_file import BIN
 from daemon.store.place_status import AT_PLACE_MM
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.health import cause_of_nothing
-from daemon.vision.look import outlines
 from daemon.vision.values import Cause
 
 SIDES_DEG = (20, 35)
@@ -108,7 +107,7 @@ async def _is_there(context: PickContext, pose: Array) -> bool:
 def _tell_outlines(world: WorldModel) -> None:
     """A table on which nothing was found is empty, unless both eyes have outlines there that do not fit one another and
     are not those of a pattern."""
-    odd = [seen for seen in world.looks if all(outlines(seen.scene.view))]
+    odd = [seen for seen in world.looks if all(seen.scene.view.outlines)]
     if odd and all(cause_of_nothing(seen.taken.images) is Cause.PATTERNED for seen in odd):
         world.result = PickResult(Outcome.EMPTY, "no part shows on the patterned table", None)
     elif odd:

@@ -29,7 +29,6 @@ from daemon.vision.health import (
     sharpness,
 )
 from daemon.vision.image import StereoImages, VisionError, open_stereo
-from daemon.vision.look import outlines
 from daemon.vision.refine import Fit
 from daemon.vision.values import FacetView, Scene
 
@@ -270,7 +269,7 @@ def log_look(
     scene = recogniser.report(look.scene)
     if not look.scene.parts and recogniser.labels:
         nothing = cause_of_nothing(look.taken.images)
-        scene |= {"unmatched": list(outlines(look.scene.view)), "nothing": nothing}
+        scene |= {"unmatched": list(look.scene.view.outlines), "nothing": nothing}
     if look.tracked is not None and expected is not None:
         scene |= {"parts": [tracked_json(expected, look.tracked, look.taken.rig)]}
     cell.log.record(

@@ -1,7 +1,7 @@
 """The picture of `place plan`: each pick and set-down, part and gripper, as an SVG. Pure."""
 
 from collections.abc import Mapping, Sequence
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 

@@ -1,6 +1,7 @@
 """The recogniser that the service uses: one model and one rig, what turns images into named parts.
 
-Recognition itself is daemon/vision/look.py's; which model is in use is daemon/teaching/trainer.py's.
+Recognition itself is daemon/vision/look.py's, which the worker process loads and the daemon does not. Which model is
+in use is daemon/teaching/trainer.py's.
 """
 
 from pathlib import Path
@@ -14,7 +15,6 @@ from daemon.compute.calls import ByReference
 from daemon.store.model import ModelFile, load_file
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Polyhedron, StereoRig
-from daemon.vision.look import look
 from daemon.vision.model import Model
 from daemon.vision.recognition import CandidatePose, recognise, standing
 from daemon.vision.report import scene_json
@@ -66,6 +66,8 @@ class ModelRecogniser(ByReference):
     def see(self, left: Image, right: Image, table: TablePlane | None = None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
         not the usual one. Raises VisionError."""
+        from daemon.vision.look import look
+
         return look(left, right, rig or self.rig, self.model, self.settings, thread_time, table)
 
     def recognise(self, group: Group) -> tuple[Part, ...]:
@@ -90,6 +92,8 @@ class ModelRecogniser(ByReference):
 
 
 def of_file(path: Path, sha256: str, rig: StereoRig, settings: VisionSettings | None) -> ModelRecogniser:
-    """The recogniser with the model of a file whose sha256 is this. Raises ModelError."""
+    """The recogniser with the model of a file whose sha256 is this, ready to look. Raises ModelError."""
+    import daemon.vision.look  # noqa: F401
+
     file = load_file(path, sha256)
     return ModelRecogniser(file.model, rig, settings, file)

@@ -26,7 +26,6 @@ from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import TablePlane, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
-from daemon.vision.look import look
 from daemon.vision.model import (
     FacetLibrary,
     Model,
@@ -188,6 +187,8 @@ class Trainer:
     ) -> tuple[Group, tuple[Group, ...]]:
         """The only part in view, whatever it is, found with full effort. moved: where one camera took both images.
         Raises TeachError for none or several, VisionError."""
+        from daemon.vision.look import look
+
         rig = self.rig if moved is None else moved.rig(self.rig)
         scene = look(left, right, rig, None, self.settings, table=table)
         groups = (scene if moved is None else with_arm(scene, rig, moved.arm)).view.groups

@@ -3,7 +3,6 @@
 Pure; the clock is an argument. What the steps do is said where they live.
 """
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -70,12 +69,12 @@ def look(
     seconds["refine"] = now() - start
     guesses, left_out, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), list[Recognised]()
     complete = bool(known.labels) and all_accounted_for(found, view, known, eyes)
-    if not complete and not (known.labels and any(outlines(view))):
+    if not complete and not (known.labels and any(view.outlines)):
         view = with_lone_outlines(view, eyes, by_facets.effort)
     if known.labels and not complete:
         start = now()
         found, view = without_overlaps(found, view, (), known, eyes)
-        if not all_accounted_for(found, view, known, eyes) and any(outlines(view)):
+        if not all_accounted_for(found, view, known, eyes) and any(view.outlines):
             straight = named_by_edges(
                 eyes,
                 known,
@@ -153,15 +152,9 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictur
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
     silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if not p.named)
-    left, right = outlines(view)
+    left, right = view.outlines
     if not parts:
         cause = cause_of_nothing(pictures)
         seen = (f"no facet was found in both images ({left} and {right} outlines)",) if left or right else ()
         return (*seen, *((f"{SAID[cause].words}; {SAID[cause].remedy}",) if cause else ()))
     return silent
-
-
-def outlines(view: FacetView) -> tuple[int, int]:
-    """How many outlines the left and the right eye show, used or refused."""
-    refused = Counter(r.eye for r in view.rejected)
-    return len(view.polygons_left) + refused["left"], len(view.polygons_right) + refused["right"]

@@ -6,6 +6,7 @@ towards the cameras). Frames: px in the distorted image; mm in the cyclopean fra
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -114,6 +115,12 @@ class FacetView:
     noise_sigma: float
     notes: tuple[str, ...] = ()
     blur_px: float = 0.0
+
+    @property
+    def outlines(self) -> tuple[int, int]:
+        """How many outlines the left and the right image show, used or refused."""
+        refused = Counter(r.eye for r in self.rejected)
+        return len(self.polygons_left) + refused["left"], len(self.polygons_right) + refused["right"]
 
 
 class Cause(StrEnum):

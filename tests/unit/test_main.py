@@ -34,3 +34,15 @@ def test_garbage_collection_never_goes_through_the_program_itself() -> None:
     exempt, looked_at, collections = map(int, done.stdout.split())
     assert exempt > 20 * looked_at
     assert collections <= 1  # the first after it
+
+
+FOR_FEW = (
+    *("daemon.vision.look", "daemon.vision.hypotheses", "http.server", "urllib.request", "importlib.metadata"),
+    *("plotly", "trimesh", "pyarrow", "prometheus_client", "pymodbus", "starlette", "prompt_toolkit"),
+)
+
+
+def test_the_daemon_loads_neither_what_the_worker_computes_nor_what_few_ask_for() -> None:
+    """Together a tenth of what a start takes, and of the memory."""
+    script = f"import sys, daemon.main\ndaemon.main.the_service()\nprint(*{{*{FOR_FEW}}} & {{*sys.modules}})"
+    assert subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout == "\n"

@@ -20,6 +20,7 @@ from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError
 from daemon.store.place_file import BIN
+from daemon.vision.values import FacetView
 from tests.fakes.fake_cell import ON_HAND, one_part, shape_of
 from tests.fakes.pick_steps import begun, brought_to, step
 from tests.fakes.regrasps import goal_on
@@ -147,7 +148,7 @@ def test_outlines_that_make_no_facet_are_told_only_of_a_table_on_which_nothing_w
         fake.lying.clear()
     context, world = begun(fake)
     world.result = PickResult(before, "so far", None)
-    monkeypatch.setattr(find, "outlines", lambda view: (1, 1))
+    monkeypatch.setattr(FacetView, "outlines", (1, 1))
     monkeypatch.setattr(find, "cause_of_nothing", lambda images: None)
     step(context, world, PickState.SURVEY)
     assert world.result.outcome is after

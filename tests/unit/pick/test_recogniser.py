@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -55,3 +57,16 @@ def test_what_a_group_of_facets_may_be_is_each_taught_part_that_it_fits() -> Non
     found = recogniser.standing(top)
     assert {one.label for one in found} == {"low", "high"}
     assert sum(one.probability for one in found) <= 1.0 + 1e-9
+
+
+READY = """
+import pickle, sys
+assert "daemon.vision.look" not in sys.modules
+pickle.load(sys.stdin.buffer)
+assert "daemon.vision.look" in sys.modules
+"""
+
+
+def test_a_worker_that_has_the_recogniser_is_ready_to_look(stored: ModelRecogniser) -> None:
+    """The first look does not wait until the program of looks is loaded."""
+    subprocess.run([sys.executable, "-c", READY], input=pickle.dumps(stored), check=True)

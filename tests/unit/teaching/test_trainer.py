@@ -54,7 +54,7 @@ def test_what_hangs_together_nowhere_is_not_told_to_be_so_many_parts(
     """A bracket alone in the hand, two of its sides without the edge between: "2 parts are in view; show it alone"."""
     groups = tuple(SimpleNamespace(facets=(None,) * size) for size in sizes)
     scene = SimpleNamespace(view=SimpleNamespace(groups=groups))
-    monkeypatch.setattr("daemon.teaching.trainer.look", lambda *_, **__: scene)
+    monkeypatch.setattr("daemon.vision.look.look", lambda *_, **__: scene)
     grey = np.full((480, 640), 90, np.uint8)
     with pytest.raises(TeachError, match=told):
         trainer.only_part(grey, grey, None)
