@@ -7,19 +7,19 @@ from enum import StrEnum
 
 from daemon.arm.motion import NotSentError
 
-SAID: ContextVar[tuple[str, int] | None] = ContextVar("said", default=None)
+OPERATOR_COMMAND: ContextVar[tuple[str, int] | None] = ContextVar("operator_command", default=None)
 """The command that is being carried out, and the number of stops when the operator gave it."""
 
 
 @contextmanager
-def said(word: str, stops: int) -> Iterator[None]:
+def operator_command(word: str, stops: int) -> Iterator[None]:
     """Context: everything in it is done for one operator command. stops: the number of stops when the operator gave it;
     after a later stop this command can no longer start a motion."""
-    before = SAID.set((word, stops))
+    before = OPERATOR_COMMAND.set((word, stops))
     try:
         yield
     finally:
-        SAID.reset(before)
+        OPERATOR_COMMAND.reset(before)
 
 
 class Interruption(StrEnum):

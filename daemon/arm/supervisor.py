@@ -13,7 +13,7 @@ from daemon.arm.belief import VoidingEvent
 from daemon.arm.guard import Limits
 from daemon.arm.hold import Hold
 from daemon.arm.motion import Arrival, Mover, NotSentError
-from daemon.arm.operators import SAID, Interruption, RefusedError
+from daemon.arm.operators import OPERATOR_COMMAND, Interruption, RefusedError
 from daemon.arm.permit import Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
@@ -232,7 +232,7 @@ class Supervisor:
             work.close()
             raise
         own = copy_context()
-        own.run(SAID.set, None)  # tasks that outlive the job do not belong to the operator's command
+        own.run(OPERATOR_COMMAND.set, None)  # tasks that outlive the job do not belong to the operator's command
         task: asyncio.Task[T] = asyncio.create_task(self._supervised(work, moves), name=f"arm: {doing}", context=own)
         self._doing, self._task, self.job_moves = doing, task, moves
         task.add_done_callback(self._done)
@@ -424,7 +424,7 @@ class Supervisor:
     def _may_begin(self, moves: bool) -> None:
         if self._task is not None or (moves and self.stopping):
             raise RefusedError(f"busy: {self._doing or self.permit.hindrance}")
-        word, stops = SAID.get() or ("", None)
+        word, stops = OPERATOR_COMMAND.get() or ("", None)
         if moves:
             self.not_after(stops, word)
 

@@ -83,7 +83,7 @@ class JointPath:
 @dataclass(frozen=True, eq=False)
 class StraightPath:
     """A straight path: the tool moves along a line and rotates evenly; the joints follow. shares (G,): the first
-    samples; joints_rad (G, 6), places (G, 8, 4, 4): the joints and Kinematics.frames there; gone_mm (G, C): a bound of
+    samples; joints_rad (G, 6), places (G, 8, 4, 4): the joints and Kinematics.frames there; moved_mm (G, C): a bound of
     each capsule's travel from the start to there. Between two samples the bound grows linearly."""
 
     robot: Kinematics
@@ -92,7 +92,7 @@ class StraightPath:
     shares: Array
     joints_rad: Array
     places: Array
-    gone_mm: Array
+    moved_mm: Array
 
     def first(self) -> Array:
         """See MovePath."""
@@ -109,8 +109,8 @@ class StraightPath:
         """See MovePath."""
         before = np.minimum(np.searchsorted(self.shares, shares, side="right") - 1, len(self.shares) - 2)
         part = (shares - self.shares[before]) / np.diff(self.shares)[before]
-        gone = self.gone_mm[before] + part[:, None] * (self.gone_mm[before + 1] - self.gone_mm[before])
-        return np.asarray(np.diff(gone, axis=0))
+        moved = self.moved_mm[before] + part[:, None] * (self.moved_mm[before + 1] - self.moved_mm[before])
+        return np.asarray(np.diff(moved, axis=0))
 
 
 def _joints_along(robot: Kinematics, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
@@ -245,8 +245,8 @@ def _straight_path(
     change = (wrist_mm * np.square(turn * interval) + whole_bend_mm * np.square(fastest)) / levers_mm
     rates = _rates(jacobians, motion[:3] + _cross(motion[3:], _wrist_from_tcp(places)))
     turned = _most_turned(rates, interval, fastest, change)
-    gone = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + interval[:, None] * speed_mm, axis=0)])
-    return StraightPath(robot, start, motion, shares, joints, places, gone)
+    moved = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + interval[:, None] * speed_mm, axis=0)])
+    return StraightPath(robot, start, motion, shares, joints, places, moved)
 
 
 def _wrist_from_tcp(links: Array) -> Array:

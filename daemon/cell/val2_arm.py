@@ -223,11 +223,11 @@ class Val2Arm:
         with self._person_types():
             answer = await self.link.power_up(tuple(replies))
             self.beliefs.void(VoidingEvent.TURN_TYPED)
-            told = list(answer.lines)
+            lines = list(answer.lines)
             if moves:
-                await self._come_to_rest(told.append)
+                await self._come_to_rest(lines.append)
         await self._set_tool()
-        return told
+        return lines
 
     async def calibrate(self, reply: str) -> list[str]:
         """CAL: the arm finds its zeros by a small motion. Returns its output, once the arm is at rest."""
@@ -247,17 +247,17 @@ class Val2Arm:
         Ends a program that the command started."""
         self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
-            told = list((await self.link.command(text)).lines)
+            lines = list((await self.link.command(text)).lines)
             if commands.moves_the_arm(text):
-                await self._come_to_rest(told.append)
-        return told
+                await self._come_to_rest(lines.append)
+        return lines
 
     @contextlib.asynccontextmanager
     async def terminal(
         self, show: Callable[[bytes], None], tell: Callable[[str], None]
     ) -> AsyncIterator[Callable[[bytes], None]]:
         """Context: the controller's own terminal for a person. Its output goes to `show`; yields the function that
-        types. tell: told where the arm had to be stopped behind them.
+        types. tell: called with where the arm had to be stopped behind them.
 
         Leaves when the arm is at rest and no program runs, or the controller asks something; then sets TOOL again.
         abort() still works, and ends it.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 from daemon import VERSION
-from daemon.arm import said
+from daemon.arm import operator_command
 from daemon.console.aliases import JOBS, aliases_of
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
@@ -226,7 +226,7 @@ class Interpreter:
                 self.context.log.record("command", who=frontend.who, door=frontend.name, text=text.strip())
             if command.most is not None:
                 no_more(words[1:], command.most, command.usage)
-            with said(command.name, self.stops):
+            with operator_command(command.name, self.stops):
                 return await command.run(self.context, words[1:], frontend)
         except CommandError as problem:
             return _trouble(problem)

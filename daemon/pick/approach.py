@@ -115,7 +115,7 @@ async def estimating(
 
 async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:
     """Two looks disagree: which is suspect? Where the part moved, the newest look alone counts from now on; where that
-    cannot be told from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame, and
+    does not show from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame, and
     MovedByOthersError where somebody moved the arm."""
     assert target.looked_before is not None
     settings, recogniser, compute = context.settings, context.recogniser, context.cell.compute
@@ -134,7 +134,7 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     if who == "part":
         return "part"
     world.doubts += 1
-    if world.doubts > settings.tries:  # the table said each time that nothing else had moved
+    if world.doubts > settings.tries:  # the look at the table showed each time that nothing else had moved
         why = f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye"
         raise SuspectError(why, "hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]

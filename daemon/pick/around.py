@@ -28,7 +28,7 @@ NEAREST_MM, FILLED = 280.0, 0.19
 not quite in the middle."""
 REACH, BESIDE_MM = 1.5, 15.0
 """What lies this much farther from the middle than what was first seen is not the thing's."""
-Told = Callable[[str], Awaitable[None]]
+Report = Callable[[str], Awaitable[None]]
 
 
 class NoThingError(RefusedError):
@@ -88,7 +88,7 @@ def tour_round(
     return [chosen[at] for at in sorted(chosen)]
 
 
-async def walk_round(context: PickContext, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
+async def walk_round(context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
     """Find the one thing there is, from where the arm stands or else from the survey views, and look at it from `count`
     places round it. Dry, nothing moves and nothing but the first look is taken.
 
@@ -106,13 +106,13 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Circ
             await context.mover.travel(pose, f"round it, {name}", lambda _: context.settings.travel_pct)
         except MOVE_ERRORS as error:
             raise_if_closed(error)
-            await told(f"{name}: left out: {error}")
+            await report(f"{name}: left out: {error}")
             continue
         if context.mover.dry or context.mover.belief.at is None:
             continue
         looks.append(await context.look(context.mover.belief.at, f"round it, {name}"))
         seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
-        await told(f"{name}: {seen} facet" + "s" * (seen != 1))
+        await report(f"{name}: {seen} facet" + "s" * (seen != 1))
     return thing, looks
 
 

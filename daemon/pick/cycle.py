@@ -38,7 +38,7 @@ from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
-from daemon.pick.around import CircledPart, Told, walk_round
+from daemon.pick.around import CircledPart, Report, walk_round
 from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
 from daemon.pick.place_goals import Goal, PlaceTable
@@ -98,7 +98,7 @@ KEPT_ENDS = 1000
 
 
 class PickCycle:
-    """See the module. recogniser: None where nothing was taught yet; observer: told of each look and each end.
+    """See the module. recogniser: None where nothing was taught yet; observer: called for each look and each end.
 
     pick_order: what auto has still to bring (where auto is not on, it was cut off); skipped: parts left alone since the
     last pick or auto began. What is believed of arm and gripper is the robot's (daemon/arm/belief.py).
@@ -127,7 +127,7 @@ class PickCycle:
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
-        self._told_off = asyncio.Event()
+        self._end_wait = asyncio.Event()
         """Ends the wait for parts."""
 
     @property
@@ -221,7 +221,7 @@ class PickCycle:
         task = self.supervisor.begin("auto", self._many())
         task.add_done_callback(self._auto_over)
         self._auto, self._left_alone = True, ()
-        self._told_off.clear()
+        self._end_wait.clear()
         self._order(pick_order)
         return self.supervisor.end_of("auto", task)
 
@@ -230,7 +230,7 @@ class PickCycle:
         if not self._auto:
             self._order(None)
         self._auto = False
-        self._told_off.set()
+        self._end_wait.set()
 
     async def look(self, purpose: str = "look") -> Look:
         """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
@@ -266,13 +266,15 @@ class PickCycle:
     async def look_around(self, most: int) -> WorldModel:
         """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
         all that lies there has a name and two sides more show nothing new; what is known then. RefusedError when it may
-        not start, or a part is in the hand: it would be taken for one that lies there, and gone round with it."""
+        not start, or a part is in the hand: it would count as one that lies there, and the arm would go round it."""
         self._must_move_the_cameras("look around")
         self._may_pick()
         self._must_be_empty()
         return await self.supervisor.run("look around", self._around(most))
 
-    async def walk_round(self, recogniser: PartRecogniser, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
+    async def walk_round(
+        self, recogniser: PartRecogniser, count: int, report: Report
+    ) -> tuple[CircledPart, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
         NoThingError, RefusedError (see look_around)."""
         self._must_move_the_cameras("teach --around")
@@ -280,7 +282,7 @@ class PickCycle:
         self._must_know_the_hand()
         self._must_be_empty()
         context = self._context(recogniser)
-        return await self.supervisor.run("walk round", self._walk(context, count, told))
+        return await self.supervisor.run("walk round", self._walk(context, count, report))
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
@@ -463,9 +465,9 @@ class PickCycle:
                 break
         return world
 
-    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
+    async def _walk(self, context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
         await self._set_out_to_look()
-        return await walk_round(context, count, told)
+        return await walk_round(context, count, report)
 
     async def _hand(self, closed: bool) -> None:
         await self.supervisor.mover.hand(closed, self.settings.hand_time_s(closed))
@@ -481,7 +483,7 @@ class PickCycle:
 
     async def _set_out_to_look(self) -> Reading:
         """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one eye,
-        amid the parts."""
+        among the parts."""
         here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
@@ -550,7 +552,7 @@ class PickCycle:
                 ends.append(await self._one(self.pick_order))
                 every_s = self.pick_order.every_s
                 stopped = ends[-1].ended_by is not None
-                if ends[-1].brought and not stopped and not await self._line_told():
+                if ends[-1].brought and not stopped and not await self._report_to_line():
                     break
                 if self._auto and stopped and not self.pick_order.done:
                     return list(ends)
@@ -568,14 +570,14 @@ class PickCycle:
                         break
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(every_s):
-                            await self._told_off.wait()
+                            await self._end_wait.wait()
                     self._left_alone = ()
             self._order(None)
         except asyncio.CancelledError:
-            pass  # stopped while it waited for parts: the arm stands, and what was picked is told
+            pass  # stopped while it waited for parts: the arm stands, and the caller gets what was picked
         return list(ends)
 
-    async def _line_told(self) -> bool:
+    async def _report_to_line(self) -> bool:
         """Have the line know that a part was brought; false where its signals cannot be read."""
         return await self._of_the_line(self.line.brought()) is not False
 
@@ -626,7 +628,7 @@ class PickCycle:
 
     def _cut_short(self, world: WorldModel, by: Interruption, why: str, code: CauseCode) -> None:
         """What stops the arm is the outcome of a pick, but where the part was let go already, or nothing but the way
-        home was left: that pick keeps its outcome, and its record tells of the stop beside it."""
+        home was left: that pick keeps its outcome, and its record has the stop beside it."""
         world.ended_by = by
         if not (world.let_go or world.going_home):
             outcome = Outcome.FAULT if by is Interruption.ERROR else Outcome.ABORTED

@@ -118,7 +118,7 @@ def _tell_outlines(world: WorldModel) -> None:
 def _tell_places(context: PickContext, world: WorldModel) -> None:
     """Where all that is wanted lies at its place, that is what a pick says."""
     lying = [
-        f"{part.label} lies at {goal.told}"
+        f"{part.label} lies at {goal.description}"
         for part in world.found
         if context.order.wants(part.label) and (goal := world.place_of(context, part)) is not None
     ]
@@ -216,7 +216,7 @@ async def choose(
         )
         context.decide(
             f"pick {part.label}",
-            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.told}{then_in_words(plan)}",
+            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.description}{then_in_words(plan)}",
             DecisionCode.CHOSEN,
             label=part.label,
             grasps=plan.grasps,
@@ -289,7 +289,7 @@ def _planned(
 ) -> tuple[Array | None, Plan | NoPlan]:
     """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
     or why there is none. unseen: see WorldModel.sides_unseen. Where no one grasp brings it to its place, the first of
-    at most so many; looks: at the table that it is laid down on in between."""
+    at most so many; looks: at the table that it lies on in between."""
     side_view = _side_view(part, unseen, settings, mounting, reach)
     beside = [other.corners for other in neighbours if not is_own(other, part)]
     arm, away = (settings, mounting, reach.allows_each, rig), unseen if side_view is None else ()
@@ -358,8 +358,8 @@ def in_all(parts: Sequence[ObservedPart]) -> str:
     """`2 cube, 1 pyramid, 1 without a name`, or `nothing`."""
     named = Counter(part.label for part in parts if part.named)
     nameless = sum(not part.named for part in parts)
-    told = [f"{count} {label}" for label, count in sorted(named.items())]
-    return ", ".join([*told, *([f"{nameless} without a name"] if nameless else [])]) or "nothing"
+    texts = [f"{count} {label}" for label, count in sorted(named.items())]
+    return ", ".join([*texts, *([f"{nameless} without a name"] if nameless else [])]) or "nothing"
 
 
 async def other_side(context: PickContext, world: WorldModel) -> bool:
@@ -422,14 +422,14 @@ async def _tell_gain(
     compute, rig = context.cell.compute, context.cell.rig
     now = min(world.found, key=lambda p: apart_mm(p.centre, part.centre), default=None)
     if now is None or not same_place(now.centre, part.centre):
-        told, bits = "nothing is there any more", 0.0
+        after, bits = "nothing is there any more", 0.0
     elif now.named:
-        told, bits = f"{now.label} {now.taken_for.confidence:.1%}".replace("%", " %"), 0.0
+        after, bits = f"{now.label} {now.taken_for.confidence:.1%}".replace("%", " %"), 0.0
     else:
-        told, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
+        after, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
     x, y, _ = part.centre
     about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(_open_bits, before, rig)
-    world.tell(context, Gained(about, in_words(before), told, bits_before, bits, gain.bits, gain.seconds))
+    world.tell(context, Gained(about, in_words(before), after, bits_before, bits, gain.bits, gain.seconds))
 
 
 def _thought_of(

@@ -36,7 +36,7 @@ HELD = 0.9
 """Of the length of its edges, what proves a part to be in the hand that closed around it. 237 held parts of printed
 ones over patterned tables showed 1.0 mostly, 0.95 nearly always and nothing where they were out of view; with the hand
 open, three of 711 looks showed as much."""
-GONE = 0.5
+LEAST_VANISHED = 0.5
 """Of the length of its edges, what must have gone as the gripper opened to prove that a part was in it. Two faces in
 the same light melt into one, so that not all of them need have shown."""
 EXACT = 1e-12
@@ -190,7 +190,7 @@ def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, d
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     eyes = _eyes_on_the_hand(before, mount), _eyes_on_the_hand(after, mount)
-    return any(edges_gone(target.shape, *eyes, near, mm) >= GONE for mm in _reaches_in_hand(target, doubt))
+    return any(edges_gone(target.shape, *eyes, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt))
 
 
 def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:

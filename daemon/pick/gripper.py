@@ -31,7 +31,7 @@ class PlannedGrasp:
         return False
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         raise NotImplementedError
 
     @property

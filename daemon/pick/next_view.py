@@ -36,7 +36,7 @@ LEAST_CHANCE, MOST_HYPOTHESES = 1e-3, 24
 """Hypotheses less likely than this, and beyond so many, are not asked for places."""
 TELLING = 8
 """Of the facets by which hypotheses differ, how many are reckoned with."""
-LEAST_TOLD = 0.005
+LEAST_SHARE = 0.005
 IN_TABLE_MM = 6.0
 """So far into the table a part may be thought to reach, its pose being in doubt."""
 LEAST_BITS = 0.02
@@ -140,8 +140,8 @@ def in_words(hypotheses: Sequence[PartHypothesis]) -> str:
         shares[h.label] = shares.get(h.label, 0.0) + h.probability
     not_taught = shares.pop(UNKNOWN, 0.0)
     ranked_shares = sorted(shares.items(), key=lambda one: -one[1])
-    told = [f"{label} {100 * share:.0f} %" for label, share in ranked_shares if share >= LEAST_TOLD]
-    return ", ".join([*told, f"not taught {100 * not_taught:.0f} %"])
+    texts = [f"{label} {100 * share:.0f} %" for label, share in ranked_shares if share >= LEAST_SHARE]
+    return ", ".join([*texts, f"not taught {100 * not_taught:.0f} %"])
 
 
 def entropy(chances: Array) -> float:
@@ -171,9 +171,9 @@ def expected_entropy(chances: Array, shows: Array) -> float:
 def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> Outlook:
     """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
     that have the same label and the same facets count once, with the sum of what they were given."""
-    *taught, stranger = hypotheses
+    *taught, untaught = hypotheses
     taught = sorted((h for h in taught if h.probability >= LEAST_CHANCE), key=lambda h: -h.probability)
-    kept = [stranger, *taught[:MOST_HYPOTHESES]]
+    kept = [untaught, *taught[:MOST_HYPOTHESES]]
     noise_mm2 = float(np.trace(corner_covariance(rig, CLOSE_MM))) / 3
     known = _FacetsInSpace()
     numbers = [known.numbers(h, noise_mm2) for h in kept]
@@ -184,7 +184,7 @@ def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> Outlook:
         first, numbered = once.get(key, (h, own))
         once[key] = replace(first, probability=before + h.probability), numbered
     found, theirs = zip(*once.values(), strict=True)
-    return Outlook(tuple(found), tuple(theirs), len(stranger.facets))
+    return Outlook(tuple(found), tuple(theirs), len(untaught.facets))
 
 
 class _FacetsInSpace:
@@ -254,8 +254,8 @@ def missed(look: Outlook, shows: Array) -> Outlook:
     speaks = np.prod(1 - shows[:, :, look.seen :], axis=(0, 2))
     weights = look.chances * speaks
     weights = weights / weights.sum() if weights.sum() > 0 else look.chances
-    told = [replace(h, probability=float(w)) for h, w in zip(look.hypotheses, weights, strict=True)]
-    return replace(look, hypotheses=tuple(told))
+    weighed = [replace(h, probability=float(w)) for h, w in zip(look.hypotheses, weights, strict=True)]
+    return replace(look, hypotheses=tuple(weighed))
 
 
 def ranked(look: Outlook, shows: Array, seconds: Sequence[float]) -> list[Gain]:

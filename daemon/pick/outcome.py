@@ -1,4 +1,4 @@
-"""How a pick ends, and who is told. Values only."""
+"""How a pick ends, and its observer. Values only."""
 
 import asyncio
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
 
 
 class Observer(Protocol):
-    """Who is told of looks and picks, each after its record is written. Whoever finds in it that the arm must stop asks
+    """Called for each look and each pick, after its record is written. Whoever finds in it that the arm must stop asks
     the supervisor to; nothing raised here stops it."""
 
     def looked(self, look: Look) -> None:

@@ -58,11 +58,11 @@ class Goal:
 
     @property
     def between(self) -> bool:
-        """Whether the part is laid down here between two grasps only."""
+        """Whether the part lies here between two grasps only."""
         return self.place.name == TABLE
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """In words: place nest."""
         return TABLE if self.between else f"place {self.place.name}"
 
@@ -283,7 +283,7 @@ def deviation(goal: Goal, world_from_part: Array) -> PlaceDeviation:
 
 @dataclass(eq=False)
 class PlaceTable:
-    """The places of a cell with their status: what a pick asks where a part goes, and tells what became of it.
+    """The places of a cell with their status: where a part goes, and what became of it.
 
     goals: of the places whose part is known, by name; unusable: why each of the others has none. Both are renewed with
     the model.

@@ -69,8 +69,8 @@ def plan_anew(
     reach: Reach,
     rig: StereoRig,
 ) -> Plan | NoPlan:
-    """The next grasp of a part that was laid down, by the shortest plan of at most so many from how it is seen to lie,
-    or why there is none. Raises ValueError where the corners span no volume."""
+    """The next grasp of a part that lies on the table between two grasps, by the shortest plan of at most so many from
+    how it is seen to lie, or why there is none. Raises ValueError where the corners span no volume."""
     assert before.destination is not None
     arm = settings, mounting, reach.allows_each, rig
     steps = Regrasping(shape, before.destination, *arm, before.neighbours, looks).plan(world_from_part, most)
@@ -132,6 +132,8 @@ def plan_from_side(
 def _motions(pose: Array, steps: Sequence[RegraspStep]) -> tuple[PlannedMotion, ...]:
     found = list[PlannedMotion]()
     for step in steps:
-        found.append(PlannedMotion(step.grasp.told, pose, step.grasp.world_from_tool, step.way.pose, step.way.at))
+        found.append(
+            PlannedMotion(step.grasp.description, pose, step.grasp.world_from_tool, step.way.pose, step.way.at)
+        )
         pose = step.way.pose
     return tuple(found)

@@ -45,7 +45,7 @@ class Plan:
 @dataclass(frozen=True, eq=False)
 class Destination:
     """Where a part belongs: the goals that are free, in order; taken: (M, 3) world corners of the parts at others;
-    reserved: the same of all places, where nothing is laid down in between."""
+    reserved: the same of all places, which stay free between two grasps."""
 
     goals: Sequence[Goal]
     taken: Sequence[Array] = ()
@@ -53,7 +53,7 @@ class Destination:
 
 
 class LastStretch(NamedTuple):
-    """The poses of a grasp that are gone through without a look, in order; world_from_tool. back: from where its place
+    """The poses of a grasp that the arm passes without a look, in order; world_from_tool. back: from where its place
     is looked at afterwards."""
 
     before: Array

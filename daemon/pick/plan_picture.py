@@ -23,7 +23,7 @@ def plan_picture(shape: Polyhedron, plans: Mapping[str, Sequence[SidePlan]], han
     for name, each in plans.items():
         for plan in each:
             count = len(plan.motions)
-            told = f"{count} grasp{'s' * (count != 1)}, {plan.found} of {plan.tried} headings" if count else plan.why
+            text = f"{count} grasp{'s' * (count != 1)}, {plan.found} of {plan.tried} headings" if count else plan.why
             poses = [(m.part_taken, m.tool_taken, "take") for m in plan.motions]
             ends = ["lay down"] * (count - 1) + ["set down"]
             laid = [(m.part_laid, m.tool_laid, end) for m, end in zip(plan.motions, ends, strict=False)]
@@ -31,7 +31,7 @@ def plan_picture(shape: Polyhedron, plans: Mapping[str, Sequence[SidePlan]], han
             most = max(most, len(steps))
             y = len(rows) * (CELL_PX + HEAD_PX)
             cells = [_cell(shape, hand, *step, k * CELL_PX, HEAD_PX) for k, step in enumerate(steps)]
-            head = f'<text x="6" y="18">{escape(f"{name}, from side {plan.side} down: {told}")}</text>'
+            head = f'<text x="6" y="18">{escape(f"{name}, from side {plan.side} down: {text}")}</text>'
             rows.append(f'<g transform="translate(0 {y})">{head}{"".join(cells)}</g>')
     width, height = max(most * CELL_PX, 640), len(rows) * (CELL_PX + HEAD_PX)
     style = (
@@ -44,7 +44,7 @@ def plan_picture(shape: Polyhedron, plans: Mapping[str, Sequence[SidePlan]], han
     ).encode()
 
 
-def _cell(shape: Polyhedron, hand: HandBody, part: Array, tool: Array, told: str, x: int, y: int) -> str:
+def _cell(shape: Polyhedron, hand: HandBody, part: Array, tool: Array, text: str, x: int, y: int) -> str:
     """One drawing: the part in front of the hand's far side, and behind its near one."""
     corners = frames.apply(part, shape.corners_mm)
     ends = [frames.apply(tool, np.array([c.from_mm, c.to_mm])) for c in hand.capsules]
@@ -72,7 +72,7 @@ def _cell(shape: Polyhedron, hand: HandBody, part: Array, tool: Array, told: str
             )
     shapes = "".join(text for _, text in sorted(drawn, key=lambda each: each[0]))
     table = f'<line x1="10" x2="{CELL_PX - 10}" y1="{FLOOR * CELL_PX}" y2="{FLOOR * CELL_PX}" stroke="#a86"/>'
-    label = f'<text x="10" y="{CELL_PX - 8}">{escape(told)}</text>'
+    label = f'<text x="10" y="{CELL_PX - 8}">{escape(text)}</text>'
     return f'<g transform="translate({x} {y})">{table}{shapes}{label}</g>'
 
 

@@ -58,7 +58,7 @@ class ModelRecogniser(ByReference):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process reads a stored model itself: to pickle a large one would hold up this one. Where it starts
-        anew amid a pick, and somebody has replaced the file, it refuses the other model."""
+        anew during a pick, and somebody has replaced the file, it refuses the other model."""
         if self.file is None:
             return ModelRecogniser, (self.model, self.rig, self.settings)
         return of_file, (self.file.path, self.file.sha256, self.rig, self.settings)

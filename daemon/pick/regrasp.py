@@ -1,4 +1,4 @@
-"""How a part gets to lie on another side than one grasp can bring it to: laid down on the table in between. Pure.
+"""How a part gets to lie on another side than one grasp can bring it to: placed on the table between two grasps. Pure.
 
 A graph: its nodes are a part that lies on one of its stable sides, and a grasp of it there; an edge is one pick and
 set-down with that grasp, reached all the way at both ends, the hand clear of the table and of what lies beside. The
@@ -298,8 +298,8 @@ class Regrasping:
         return np.asarray((self._off_the_table(self.table.part_from_tool) & takes).any(axis=1) & ~ends)
 
     def _relays(self, held: Sequence[_PartHeld], wanted: Flags) -> Iterator[_PartHeld]:
-        """The part laid down by one of these and taken by a grasp that is wanted, each of those once: where on the
-        table, and how turned, is looked for."""
+        """The part placed on the table by one of these and taken by a grasp that is wanted, each of those once;
+        searches where on the table, and how turned."""
         if not held or not wanted.any():
             return
         left, part_from_tool = wanted.copy(), np.stack([frames.inverse(each.tool_from_part) for each in held])
@@ -380,8 +380,8 @@ class Regrasping:
         )
 
     def _laid(self, held: _PartHeld, pose: Array, part_from_tool: Array) -> RegraspStep:
-        """The part laid down, and looked at from where it shows best; where the arm gets to none of these places, from
-        where the next grasp is approached."""
+        """The part placed on the table, and looked at from where it shows best; where the arm gets to none of these
+        places, from where the next grasp is approached."""
         centre, way = self._centre(pose), self._way(pose, held.tool_from_part)
         looks = np.stack([*looks_round(centre, self.settings, self.mounting)])
         eyes = [self.mounting.world_from_cyclopean_at(look)[:3, 3] for look in looks]

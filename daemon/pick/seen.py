@@ -103,7 +103,7 @@ def is_own(other: ObservedPart, part: ObservedPart) -> bool:
 
 
 def seen_again(seen: Sequence[Facing], eye: Array) -> float:
-    """How well the facets told apart before would show to the eye (3,), world: 0 to 1, their mean."""
+    """How well the facets separated before would show to the eye (3,), world: 0 to 1, their mean."""
     if not seen:
         return 0.0
     rays = [eye - f.centre for f in seen]

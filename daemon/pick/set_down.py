@@ -99,7 +99,7 @@ async def set_down(
     way = replace(
         set_down_of(goal, target.way.pose, held, context.settings, context.cell.mounting), look=target.way.look
     )
-    where = goal.told
+    where = goal.description
     if not mover.dry:
         _note(context, world, goal, PlaceStatus.CLAIMED)
     try:
@@ -165,23 +165,23 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
 
 
 async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickEvent.SEEN, PickEvent.LOST]:
-    """Look at the part as it was laid down, and plan how it is taken from there. One that is not seen, or that no grasp
-    brings on, is left where it is, and told."""
+    """Look at the part on the table between two grasps, and plan how it is taken from there. One that is not seen, or
+    that no grasp brings on, stays where it is, and the pick says so."""
     target = world.the_target()
     assert target.way is not None
     goal, settings, mounting = target.way.goal, context.settings, context.cell.mounting
-    await travel(context, world, target.way.look, f"look at it on {goal.told}")
+    await travel(context, world, target.way.look, f"look at it on {goal.description}")
     found, seen = await _judge(context, world, goal, PlaceStatus.MISSING)
     target.seen_at, target.world_from_part = goal.centre, target.way.pose
     if found.pose is None:
-        why = f"not seen where it was laid down on {goal.told}: {found.why}"
+        why = f"not seen where it was laid down on {goal.description}: {found.why}"
         skip(context, world, Outcome.LOST, target, why, CauseCode.NOT_WHERE_LAID)
         return PickEvent.LOST
     most, looks = max(1, MOST_GRASPS - world.laid), [*world.looks]
     arm = settings, mounting, context.mover.reach, context.cell.rig
     plan = await context.cell.compute(plan_anew, target.shape, found.pose, most, target.plan, looks, *arm)
     if isinstance(plan, NoPlan):
-        skip(context, world, Outcome.UNREACHABLE, target, f"laid down on {goal.told}, {plan.why}", plan.code)
+        skip(context, world, Outcome.UNREACHABLE, target, f"laid down on {goal.description}, {plan.why}", plan.code)
         return PickEvent.LOST
     side_view = mounting.out_of_view[:3, :3] if isinstance(mounting, InWorld) else None
     world.target = world.last_target = Target(
@@ -194,7 +194,7 @@ async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickE
         confidence=target.confidence,
         seen_at=frames.apply(found.pose, target.shape.corners_mm).mean(axis=0),
     )
-    why = f"{found.why}; grasp {plan.grasp.told}{then_in_words(plan)}"
+    why = f"{found.why}; grasp {plan.grasp.description}{then_in_words(plan)}"
     context.decide(f"take {target.label} anew", why, DecisionCode.LAID_DOWN, label=target.label, grasps=plan.grasps)
     return PickEvent.SEEN
 

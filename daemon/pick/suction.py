@@ -33,8 +33,8 @@ PITCH_MM, MOST_POINTS = 1.0, 2500.0
 TURNS = 12
 """So many ways, evenly, the hand is turned about the cup's axis."""
 SAME_SPOT_MM = 3.0
-MOST_TOLD = 3
-"""Of so many facets it is said why they do not serve."""
+MOST_REASONS = 3
+"""For so many facets the message says why they do not serve."""
 Factor = Annotated[float, Meta(ge=1, le=10)]
 Bar = Annotated[float, Meta(gt=0, le=1)]
 Density = Annotated[float, Meta(gt=0, le=25)]
@@ -140,7 +140,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             return Grasps((), f"no flat facet of it leans by less than {self.lean_deg:g} degrees from facing up")
         weight_n, mass = weight_and_middle(shape, self.density_g_cm3)
         found: list[CupGrasp] = []
-        told: list[str] = []
+        reasons: list[str] = []
         for facet, tilt_deg in facets:
             spots, why = self.spots(shape, facet, mass, error_mm)
             for spot in spots:
@@ -156,27 +156,27 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
                     blocked = any(self.in_the_way(world_from_tool, each) for each in neighbours)
                     of = CupGrasp(world_from_tool, tilt_deg, blocked, facet=facet + 1, room_mm=spot.room_mm, load=load)
                     found.append(of)
-            told += [f"facet {facet + 1}: {why}"] if why else []
+            reasons += [f"facet {facet + 1}: {why}"] if why else []
         found.sort(key=lambda grasp: (grasp.blocked, round(grasp.load, 1), grasp.tilt_deg))
-        return Grasps(found, "; ".join(told[:MOST_TOLD]))
+        return Grasps(found, "; ".join(reasons[:MOST_REASONS]))
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
         """See Gripper."""
         shape = shape if shape.facets else hull(shape.corners_mm)
         heavy = weight_and_middle(shape, self.density_g_cm3)
-        taken, told = list[str](), list[str]()
+        taken, reasons = list[str](), list[str]()
         for facet in range(len(shape.facets)):
             spots, why = self.spots(shape, facet, heavy[1], error_mm)
             load = min((self._load_at(shape, facet, spot, heavy, 0.0) for spot in spots), default=0.0)
             if spots and load <= 1.0:
                 taken.append(str(facet + 1))
             elif spots:
-                told.append(f"facet {facet + 1}: the part would ask {load:.1f} times what the cup holds there")
+                reasons.append(f"facet {facet + 1}: the part would ask {load:.1f} times what the cup holds there")
             else:
-                told.append(f"facet {facet + 1}: {why}")
+                reasons.append(f"facet {facet + 1}: {why}")
         if taken:
             return f"suction takes facet{'s' if len(taken) > 1 else ''} {', '.join(taken)}"
-        return f"suction takes no facet: {'; '.join(told[:MOST_TOLD])}"
+        return f"suction takes no facet: {'; '.join(reasons[:MOST_REASONS])}"
 
     def _load_at(self, shape: Polyhedron, facet: int, spot: Spot, heavy: tuple[float, Array], tilt_deg: float) -> float:
         """See load. heavy: weight and mass centre of the part."""
@@ -241,11 +241,11 @@ class CupGrasp(PlannedGrasp):
         return self.load
 
     @property
-    def told(self) -> str:
-        told = (
+    def description(self) -> str:
+        text = (
             f"by facet {self.facet}, tilted {self.tilt_deg:.0f} degrees, room for a lip of {self.room_mm:.1f} mm radius"
         )
-        return f"{told}, {100 * self.load:.0f} % of what the cup holds"
+        return f"{text}, {100 * self.load:.0f} % of what the cup holds"
 
     @property
     def figures(self) -> Mapping[str, float]:

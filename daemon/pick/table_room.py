@@ -1,4 +1,4 @@
-"""What lies on the table beside a part, and where on it another may be laid down. Pure."""
+"""What lies on the table beside a part, and where another may be placed. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def beside_of(corners: Sequence[Array]) -> Beside:
 
 
 def free_spots(beside: Beside, radius_mm: float, settings: Settings) -> list[Array]:
-    """(2,) each: where on the table a part that reaches so far may be laid down, the middle of what is surveyed first.
+    """(2,) each: where on the table a part that reaches so far may be placed, the middle of what is surveyed first.
     Free of what lies beside and of keep-outs, and not at the bin."""
     middle = np.array(settings.surveys[0].centre_mm[:2])
     steps = np.arange(-SPOTS_OUT_MM, SPOTS_OUT_MM + 1.0, SPOT_MM)

@@ -88,7 +88,7 @@ async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.
 async def verify(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.GONE, PickEvent.MEASURED, PickEvent.MISSED]:
-    """Look whether the part is in the hand, or at least gone from where it lay and nowhere else. A look may err, so a
+    """Look whether the part is in the hand, or at least no longer where it lay and nowhere else. A look may err, so a
     hand that is said to have missed opens over the bin, as one that holds the part does. A part that has a place is
     measured in the gripper; what does not show there well enough goes to the bin."""
     target, seen = world.the_target(), await look(context, world, "verify")
@@ -104,7 +104,7 @@ async def verify(
             target.held = await measure(context, target, seen.taken)
             barred = target.way.goal.between and _barred(target.way.goal, seen)
             if target.held is not None and not barred:
-                text = f"bring it to {target.way.goal.told}"
+                text = f"bring it to {target.way.goal.description}"
                 context.decide(text, why, DecisionCode.IN_GRIPPER, label=target.label)
                 return PickEvent.MEASURED
             if barred:
@@ -146,7 +146,7 @@ def _judged(
 
 
 def _barred(goal: Goal, seen: Look) -> bool:
-    """Whether a look shows something on the table where a part is to be laid down."""
+    """Whether a look shows something on the table where a part is to be placed."""
     hand, corners = seen.reading.world_from_tool[:3, 3], goal.corners[:, :2]
     middle = corners.mean(axis=0)
     reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())

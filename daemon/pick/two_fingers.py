@@ -144,9 +144,9 @@ class FingerGrasp(PlannedGrasp):
         return self.rounded
 
     @property
-    def told(self) -> str:
-        told = f"{self.width_mm:.0f} mm wide, tilted {self.tilt_deg:g} degrees"
-        return f"{told}, contacts {self.slip_deg:.0f} degrees off square"
+    def description(self) -> str:
+        text = f"{self.width_mm:.0f} mm wide, tilted {self.tilt_deg:g} degrees"
+        return f"{text}, contacts {self.slip_deg:.0f} degrees off square"
 
     @property
     def figures(self) -> Mapping[str, float]:

@@ -249,9 +249,9 @@ class WorldModel:
         odd = [f"{what} ({often} times)" for what, often in self.odd.most_common(2)]
         if not_again:
             odd.insert(0, f"{not_again} of {again + not_again} parts did not show again where the look before had them")
-        told = "; ".join(odd) or "no two looks disagreed, and what lies there was not settled"
+        reasons = "; ".join(odd) or "no two looks disagreed, and what lies there was not settled"
         blame = "; does a camera repeat itself, was one knocked? `doctor`, `calibrate verify`" if not_again else ""
-        return f"given up after {self.taken} looks and {seconds:.0f} s beside motion: {told}{blame}"
+        return f"given up after {self.taken} looks and {seconds:.0f} s beside motion: {reasons}{blame}"
 
     def tell(self, context: PickContext, gained: Gained) -> None:
         """Keep what a look has brought, and log it."""

@@ -167,14 +167,14 @@ def listen(known: ContactFindings, data: bytes, typed: bytes, most_s: float) -> 
 def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> ProbeAnswer:
     raw = b"".join(piece for _, piece in pieces)
     # An echo comes first, or behind a late prompt; later, the same letters are the controller's own: `(Y/N)?`.
-    said = re.sub(rb"^([\s.]*)" + re.escape(typed), rb"\1", raw, count=1)
+    received = re.sub(rb"^([\s.]*)" + re.escape(typed), rb"\1", raw, count=1)
     reader = Reader()
     reader.line_ended(echoed=False)
-    events = reader.receive(said) + reader.silence()
+    events = reader.receive(received) + reader.silence()
     errors = tuple(event.text for event in events if isinstance(event, Error))
     tables = [event.where for event in events if isinstance(event, WhereTable)]
     last = events[-1] if events else None
-    tail = said.decode("latin-1").rsplit("\n", 1)[-1].rsplit("\r", 1)[-1]
+    tail = received.decode("latin-1").rsplit("\n", 1)[-1].rsplit("\r", 1)[-1]
     at = [at_s for at_s, _ in pieces]
     late_s = max((after - before for before, after in pairwise(at)), default=0.0)
     return ProbeAnswer(
@@ -213,6 +213,6 @@ def same_place(before: Where, now: Where) -> bool:
 
 
 def agreed(about: Literal["move", "power", "calibrate", "pendant"], text: str) -> Generator[Step, Any, bool]:
-    """Whether the person says yes to it: whatever else is said is no."""
-    said = yield Consult(about, f"{text}. (yes or no)")
-    return str(said).strip().lower() in ("y", "yes")
+    """Whether the person says yes to it: any other reply is no."""
+    reply = yield Consult(about, f"{text}. (yes or no)")
+    return str(reply).strip().lower() in ("y", "yes")

@@ -209,12 +209,12 @@ class Conversation:
         assert event is not None
         return event
 
-    async def next_prompt_or_question(self, timeout_s: float, said: list[LineEvent] | None = None) -> LineEvent:
-        """Wait until the controller waits for input; `said` collects all events up to there. Raises as next_event."""
+    async def next_prompt_or_question(self, timeout_s: float, collected: list[LineEvent] | None = None) -> LineEvent:
+        """Wait until the controller waits for input; `collected` gets all events up to there. Raises as next_event."""
         while True:
             event = await self.next_event(timeout_s, f"no prompt within {timeout_s:g} s")
-            if said is not None:
-                said.append(event)
+            if collected is not None:
+                collected.append(event)
             if isinstance(event, Prompt | ControllerQuestion):
                 return event
 
@@ -247,20 +247,20 @@ class Conversation:
         neither prompt nor question; ProcessorHalted.
         """
         self.line_may_hold_rest, self._stood = True, self._reader.pending
-        said: list[LineEvent] = []
+        collected: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):
             await self.type_raw(cancel if cancel and attempt == 0 else cancel + POISON + self.dialect.line_end)
             try:
-                await self.next_prompt_or_question(self.dialect.resync_s, said)
+                await self.next_prompt_or_question(self.dialect.resync_s, collected)
             except NoAnswer:
-                if is_halted(b"".join(event.raw for event in said) + self._reader.pending):
+                if is_halted(b"".join(event.raw for event in collected) + self._reader.pending):
                     raise ProcessorHalted from None
                 self._owed.add(Owed(""))
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
-            return said
-        error = Busy if said else NoAnswer
+            return collected
+        error = Busy if collected else NoAnswer
         raise error(f"no prompt after {attempts} attempts; is the controller on, and its terminal line this one?")
 
     def send_raw(self, data: bytes) -> None:
@@ -383,13 +383,13 @@ def _as_text(event: LineEvent) -> str:
 def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
     """Build a ControllerAnswer from the events. Raises Garbled where they contain noise or a second echo, Interleaved
     where they contain somebody else's line."""
-    said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
+    received, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
-    again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]
+    again = received.translate(None, b"\r\n").startswith(typed) if garbled else received.splitlines()[:1] == [typed]
     if dialect.echo and again:
         raise Garbled(TWICE, code="converter_echoes")
-    if garbled and typed_behind(said):
-        raise Interleaved(said)
+    if garbled and typed_behind(received):
+        raise Interleaved(received)
     starred = [event.text for event in events if isinstance(event, Error) and of_a_table(event.text)]
     if garbled or (starred and command == "WHERE"):
         raise Garbled(f"the answer to {command!r} did not come through whole")

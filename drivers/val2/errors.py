@@ -2,7 +2,7 @@
 
 from drivers.val2.wire import Where
 
-SAID_BY_VAL = (
+VAL_MESSAGES = (
     ("emergency stop", "emergency_stop"),
     ("e-stop", "emergency_stop"),
     ("arm power", "arm_power"),
@@ -18,9 +18,9 @@ HALTED = (
 )
 
 
-def lacks_zero(said: str) -> bool:
+def lacks_zero(message: str) -> bool:
     """Whether a message says that the arm is not calibrated: then only CAL can move it."""
-    return "not calibrated" in said.lower()
+    return "not calibrated" in message.lower()
 
 
 class LinkError(Exception):
@@ -37,7 +37,7 @@ class LinkError(Exception):
 
 
 class PortError(LinkError):
-    """The serial port is absent, busy or gone."""
+    """The serial port is absent, busy or unplugged."""
 
 
 class NoAnswer(LinkError):  # noqa: N818 - it reads as what happened
@@ -76,7 +76,7 @@ class ControllerError(LinkError):
 
     def __init__(self, message: str, where: Where | None = None, code: str | None = None) -> None:
         super().__init__(
-            message, where, code or next((c for words, c in SAID_BY_VAL if words in message.lower()), None)
+            message, where, code or next((c for words, c in VAL_MESSAGES if words in message.lower()), None)
         )
 
 

@@ -104,8 +104,8 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
             raise UnclearError(
                 f"it asks again and again: {answer.question!r}. What does its manual want to hear there?"
             )
-        said = yield Consult("power-up", f"The controller asks: {answer.question}  What shall I answer?")
-        answer = yield from ask(known, said, 60.0)
+        reply = yield Consult("power-up", f"The controller asks: {answer.question}  What shall I answer?")
+        answer = yield from ask(known, reply, 60.0)
     known.found("power_up", asked, "asked before the first prompt" if asked else "it asked nothing: it was on already",
                 "certain" if asked else "assumed")  # fmt: skip
     if not all(map(USUAL.asks_after_power_up, asked)):

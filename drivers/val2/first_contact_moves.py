@@ -107,24 +107,24 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
                     f"{'; '.join(errors) or 'nothing'}: is it another system, or noise on the line?"
                 )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
-        said = "; ".join(errors)
-        if lacks_zero(said):
-            here = yield from _calibrated(known, said)
+        refusal = "; ".join(errors)
+        if lacks_zero(refusal):
+            here = yield from _calibrated(known, refusal)
             continue
-        if not (yield from agreed("power", f"The controller says {said}. Put that right, then say yes")):
+        if not (yield from agreed("power", f"The controller says {refusal}. Put that right, then say yes")):
             break
     raise UnclearError(f"the arm does not move: the controller says {'; '.join(errors)}. What does it need?")
 
 
-def _calibrated(known: ContactFindings, said: str) -> Steps:
+def _calibrated(known: ContactFindings, refusal: str) -> Steps:
     """Type CAL if the person agrees: this terminal is the controller's only one. Returns where the arm is afterwards.
     Raises UnclearError."""
     word = known.findings["calibrate_word"].value if "calibrate_word" in known.findings else CALIBRATE
     if not (
         yield from agreed(
             "calibrate",
-            f"The controller says {said}. May I type {word}? The arm then turns each joint by itself to find its zero, "
-            "as its manual says. It must stand clear as for the small turns, your hand on the emergency stop",
+            f"The controller says {refusal}. May I type {word}? The arm then turns each joint by itself to find its "
+            "zero, as its manual says. It must stand clear as for the small turns, your hand on the emergency stop",
         )
     ):
         raise UnclearError(

@@ -55,11 +55,11 @@ def _holds(echoed: bytes, ours: bytes) -> bool:
     return all(byte in left for byte in ours.translate(None, UNTYPED))
 
 
-def typed_behind(said: bytes) -> bool:
+def typed_behind(heard: bytes) -> bool:
     """Whether the output after a complete echo and its line end contains a line that somebody else typed: before the
     echo of facetd's line end, or after a prompt. It needs one more character than in an echo, because facetd's line end
     may be damaged."""
-    first, *lines = LINE_END.split(said)
+    first, *lines = LINE_END.split(heard)
     prompted = [line for line in lines if BEGINS_WITH_PROMPT.match(line) and not _is_answer(line)]
     behind_prompts = b"".join(BEGINS_WITH_PROMPT.sub(b"", line) for line in prompted)
     count = _length(ANSWERS.split(first)[0]) + _length(behind_prompts)

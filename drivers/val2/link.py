@@ -566,9 +566,9 @@ class Link:
             await asyncio.sleep(self.dialect.poll_s)
             answer = await talk.ask("WHERE", (), self.dialect.table_s)
             if answer.errors and answer.where is None:
-                said = "; ".join(answer.errors)
-                if not lacks_zero(said):
-                    raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
+                refusal = "; ".join(answer.errors)
+                if not lacks_zero(refusal):
+                    raise ControllerError(f"WHERE is refused (`{refusal}`: mend that, then restart facetd)")
             elif answer.where is None:
                 raise Garbled("WHERE did not give its table")
             else:

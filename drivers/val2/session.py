@@ -229,13 +229,13 @@ class LineSession:
             if isinstance(problem, Interleaved):
                 await self._refuse_interleaved(talk, problem)
             once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
-            said = await self.recover(talk, problem)
-            if said or once_only:
+            refusals = await self.recover(talk, problem)
+            if refusals or once_only:
                 break
         with suppress(Garbled, NoAnswer):
             problem.where = (await talk.ask("WHERE", (), self.dialect.answer_s)).where
-        if said:
-            raise ControllerError("; ".join(said), problem.where) from problem
+        if refusals:
+            raise ControllerError("; ".join(refusals), problem.where) from problem
         raise problem
 
     async def ask_once(
@@ -251,8 +251,8 @@ class LineSession:
         Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
         came twice."""
         answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
-        said_by_itself = answer.question is not None or answer.errors
-        if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
+        unasked = answer.question is not None or answer.errors
+        if not unasked and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]
             self._refuse_others([line for line in lines if _is_no_noise(line)])
             if len(lines) < len(answer.of_text):
@@ -314,8 +314,8 @@ class LineSession:
             self._ledger.sent(kept, self.clock())
 
     def _in_trouble(self, error: LinkError) -> None:
-        """The port is gone; or another program changed its settings, and bytes may have been lost: the task whose turn
-        it is loses it. A stop continues, and so does a person's terminal."""
+        """The port is unplugged; or another program changed its settings, and bytes may have been lost: the task whose
+        turn it is loses it. A stop continues, and so does a person's terminal."""
         if not isinstance(error, Disturbed):
             self._lost(error)
             return
@@ -349,12 +349,12 @@ class LineSession:
     def _refuse_others(self, heard: Sequence[str]) -> None:
         """Raise Disturbed where received text is somebody else's, NoAnswer where it is a late answer to a line of
         facetd's. After a search for the prompt, late answers are expected and ignored."""
-        said, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_hold_rest
+        unheard, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_hold_rest
         if found:
-            said = [text for text in said if not answers_search(text, self.dialect.cancel_line)]
-        if not said:
+            unheard = [text for text in unheard if not answers_search(text, self.dialect.cancel_line)]
+        if not unheard:
             return
-        if not self._owed.explain(said):
+        if not self._owed.explain(unheard):
             self._disturbed()
             raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
         if not found:

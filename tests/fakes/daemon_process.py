@@ -67,7 +67,7 @@ class Daemon:
         with DaemonLink(self.folder / "facetd.sock") as link:
             return link.do(text, "test", lambda _: None)
 
-    def told(self) -> str:
+    def description(self) -> str:
         return (self.folder / "stderr").read_text()
 
     def ends(self, seconds: float = 20.0) -> int:

@@ -10,7 +10,7 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, operator_command
 from daemon.arm.permit import Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import ABORT_S
@@ -309,7 +309,7 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
         return await supervisor.run("go on", work("went on"))
 
     async def story() -> None:
-        with said("pick", supervisor.stops):
+        with operator_command("pick", supervisor.stops):
             await supervisor.run("pick", leaving())
             await supervisor.abort()
             with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile; type `pick` again"):

@@ -117,7 +117,7 @@ def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
         about = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3))
         some = travel(about @ start, about @ target)
         way = path_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
-        found.append(way.gone_mm[-1])
+        found.append(way.moved_mm[-1])
     for turned in found[1:]:
         np.testing.assert_allclose(turned, found[0], rtol=1e-6)
 
@@ -261,18 +261,18 @@ def bounded(ends, capsules=LIMITS.capsules):
 def test_who_stays_in_place_goes_nowhere_and_what_hangs_on_the_hand_goes_as_the_hand_does():
     here = hand(500, -100, 100)
     still = bounded((here, here))
-    assert not still.gone_mm.any()
+    assert not still.moved_mm.any()
     assert still.first().tolist() == [0.0, 0.5, 1.0]
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     of_hand = body.frame > 3
     straight = bounded((here, hand(500, 100, 100)))
     assert len(straight.first()) == 35, "six millimetres each, of two hundred"
-    np.testing.assert_allclose(straight.gone_mm[-1][of_hand], 200.0)
+    np.testing.assert_allclose(straight.moved_mm[-1][of_hand], 200.0)
     turn = np.array([0.0, 0.5, 0.0])
     turned = here @ frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
     from_tcp = np.where(body.frame[:, None, None] == 6, [0.0, 0.0, 130.0], 0.0)
     off_mm = np.linalg.norm(body.ends_mm - from_tcp, axis=-1).max(axis=1) + body.radius_mm
-    np.testing.assert_allclose(bounded((here, turned)).gone_mm[-1][of_hand], 0.5 * off_mm[of_hand])
+    np.testing.assert_allclose(bounded((here, turned)).moved_mm[-1][of_hand], 0.5 * off_mm[of_hand])
 
 
 def test_a_joint_s_way_is_looked_at_every_25_mm_of_what_goes_farthest_to_begin_with():

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm import EyeName, Interruption, RefusedError, said
+from daemon.arm import EyeName, Interruption, RefusedError, operator_command
 from daemon.arm.belief import BeliefSource
 from daemon.commands import camera_selection
 from daemon.commands.camera_selection import UNMEASURED, cameras
@@ -137,7 +137,10 @@ def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_
             return frontend.answers.pop(0)
 
         frontend.ask = asked  # type: ignore[method-assign]
-        with said("teach", here.cycle.supervisor.stops), pytest.raises(RefusedError, match="type `teach` again"):
+        with (
+            operator_command("teach", here.cycle.supervisor.stops),
+            pytest.raises(RefusedError, match="type `teach` again"),
+        ):
             await teach.run(here.context, ["bolt"], frontend)
         assert not here.log.said("move")
 

@@ -60,5 +60,5 @@ def test_a_grasp_is_told_in_words_and_figures_and_how_near_it_is_to_slipping(
     grasp: PlannedGrasp, risk: float, words: str, figures: dict[str, float]
 ) -> None:
     assert grasp.risk == pytest.approx(risk)
-    assert grasp.told == words
+    assert grasp.description == words
     assert grasp.figures == figures

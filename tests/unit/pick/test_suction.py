@@ -323,7 +323,10 @@ def test_a_grasp_is_described_as_it_is_and_the_best_come_first(lean, error):
 
 def test_a_grasp_says_by_which_facet_with_how_much_room_and_of_what_load():
     grasp = CupGrasp(np.eye(4), 12.4, facet=3, room_mm=11.26, load=0.424)
-    assert grasp.told == "by facet 3, tilted 12 degrees, room for a lip of 11.3 mm radius, 42 % of what the cup holds"
+    assert (
+        grasp.description
+        == "by facet 3, tilted 12 degrees, room for a lip of 11.3 mm radius, 42 % of what the cup holds"
+    )
     assert grasp.figures == {"facet": 3, "room_mm": 11.26, "load": 0.424}
     assert grasp.risk == 0.424
 
