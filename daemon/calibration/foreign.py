@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.lens_refit import LensError, refitted
+from daemon.calibration.lens_refit import FISHEYE, LensError, refitted
 from daemon.calibration.plausible import UNITS_MM
 from daemon.calibration.stereo import rig_of
 from daemon.errors import FacetdError
@@ -286,8 +286,23 @@ def _storages(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
     right_from_left = frames.rigid(
         _rotation(first, "R", found["R"].reshape(3, 3)), found["T"] * (1.0 if unit_mm is None else unit_mm)
     )
-    cameras = [(found[f"M{k}"].reshape(3, 3), found[f"D{k}"], False) for k in (1, 2)]
+    fisheye = _is_fisheye(names, by_key, (found["D1"], found["D2"]))
+    cameras = [(found[f"M{k}"].reshape(3, 3), found[f"D{k}"], fisheye) for k in (1, 2)]
     return _of_pair("OpenCV FileStorage", cameras, right_from_left, _size(first, whole, size), exchanged)
+
+
+def _is_fisheye(names: str, by_key: Mapping[str, tuple[Path, Any]], lenses: Sequence[Array]) -> bool:
+    """Whether a FileStorage's coefficients are those of cv::fisheye: by the key that OpenCV's own program writes, as
+    numbers do not tell. Raises InterchangeError."""
+    if "fisheyemodel" in by_key:
+        path, value = by_key["fisheyemodel"]
+        return bool(_numbers(path, "fisheye_model", value).any())
+    if any(len(one) == FISHEYE and one.any() for one in lenses):
+        raise InterchangeError(
+            f"{names}: four distortion coefficients are k1 k2 p1 p2, or those of cv::fisheye: add the line "
+            "`fisheye_model: 0` to the file for the first, `fisheye_model: 1` for the second"
+        )
+    return False
 
 
 def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:

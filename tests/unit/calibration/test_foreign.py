@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -330,6 +331,24 @@ def test_a_mild_fisheye_lens_is_refitted_and_a_strong_one_refused(tmp_path: Path
     chain = camchain(unlike_rig(), "equidistant", [0.25, 0.05, 0.0, 0.0])
     (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
     assert max(read_foreign([tmp_path / "chain.yaml"]).refit_px) < 0.1
+
+
+def test_four_coefficients_of_a_file_storage_are_read_as_the_file_says_and_never_guessed(tmp_path: Path) -> None:
+    """cv::fisheye's are four as well; taken for k1 k2 p1 p2 they bend the image's corners by pixels."""
+    rig, four = unlike_rig(), np.array([0.25, 0.05, 0.0, 0.0])
+    rig = replace(rig, left=replace(rig.left, distortion=four), right=replace(rig.right, distortion=four))
+    text = storage(("M1", "D1", "M2", "D2"), "size: [640, 480]\n", rig)
+    file = tmp_path / "s.yml"
+    file.write_text(text)
+    with pytest.raises(InterchangeError, match=r"s\.yml: four distortion .*add the line `fisheye_model: 0`"):
+        read_foreign([file])
+    read = {}
+    for model in (0, 1):
+        file.write_text(text + f"fisheye_model: {model}\n")
+        read[model] = read_foreign([file])
+    assert np.array_equal(read[0].rig.left.distortion, [*four, 0.0])
+    assert read[0].refit_px == (0.0, 0.0)
+    assert 0 < min(read[1].refit_px) < 0.1
 
 
 def test_a_wide_lens_is_judged_as_far_as_the_corners_of_its_image() -> None:
