@@ -49,4 +49,4 @@ from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
-from daemon.arm.workcell import EYES, EyeName, Picture, Pictures, Recorder, Workcell
+from daemon.arm.workcell import CAMERA_NAMES, CameraName, Picture, Pictures, Recorder, Workcell

@@ -50,7 +50,7 @@ class OnHand:
 
 @dataclass(frozen=True, eq=False)
 class InWorld:
-    """Eye-to-hand: world_from_cyclopean, (4, 4) mm, is constant. For every look the arm is at out_of_view,
+    """Camera-to-hand: world_from_cyclopean, (4, 4) mm, is constant. For every look the arm is at out_of_view,
     world_from_tool (4, 4), where it hides nothing. pivot: (3,) world, the centre of rotation of the error of
     world_from_cyclopean."""
 

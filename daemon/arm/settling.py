@@ -65,9 +65,9 @@ def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
 async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> SettledPair:
     """Wait until two consecutive pairs agree. rest_s: when the arm came to rest, on the cell's clock. Raises
     NotSettledError, or the camera's error."""
-    before = await cell.eyes.grab(rest_s, settling.timeout_s)
+    before = await cell.cameras.grab(rest_s, settling.timeout_s)
     while True:
-        after = await cell.eyes.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)
+        after = await cell.cameras.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)
         if still(before, after, settling):
             return SettledPair(before, after, max(0.0, before.left.taken_s - rest_s))
         if cell.clock() - rest_s > settling.timeout_s:

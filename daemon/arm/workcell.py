@@ -17,8 +17,8 @@ from daemon.arm.robot import Robot
 from daemon.compute.calls import Compute
 from daemon.vision.geometry import StereoRig
 
-EyeName = Literal["left", "right"]
-EYES: tuple[EyeName, EyeName] = ("left", "right")
+CameraName = Literal["left", "right"]
+CAMERA_NAMES: tuple[CameraName, CameraName] = ("left", "right")
 
 
 class Picture(Protocol):
@@ -68,15 +68,15 @@ class Workcell:
     """A cell to pick in. clock: seconds, monotonic; it stamps the images. mounting: where the cameras are. compute:
     runs looks, fusion and plans outside the event loop that stops the arm.
 
-    alone: the only camera in use, where the other one is missing. Then `eyes` return its image twice, and a stereo pair
-    is taken from two positions of the arm (daemon/pick/moved_pair.py); rig and mounting are those of such a pair.
+    alone: the only camera in use, where the other one is missing. Then `cameras` return its image twice, and a stereo
+    pair is taken from two positions of the arm (daemon/pick/moved_pair.py); rig and mounting are those of such a pair.
     """
 
     robot: Robot
-    eyes: Cameras
+    cameras: Cameras
     log: Recorder
     clock: Callable[[], float]
     rig: StereoRig
     mounting: CameraMounting
     compute: Compute
-    alone: EyeName | None = None
+    alone: CameraName | None = None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from daemon.arrays import Array
 from daemon.vision.health import AXES, Clue
 
@@ -67,7 +67,7 @@ def unlearnt() -> DriftState:
 
 
 def observe(
-    state: DriftState, seen: Clue, settings: DriftSettings, alone: EyeName | None = None
+    state: DriftState, seen: Clue, settings: DriftSettings, alone: CameraName | None = None
 ) -> tuple[DriftState, Drift | None]:
     """Add one observation. Returns the largest active drift, or None. alone: the only camera in use, whose second place
     counts as the right camera."""
@@ -132,7 +132,9 @@ def _too_far(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
     return np.asarray(np.abs(state.mean) > limit)
 
 
-def _drift(state: DriftState, far: NDArray[np.bool_], settings: DriftSettings, alone: EyeName | None) -> Drift | None:
+def _drift(
+    state: DriftState, far: NDArray[np.bool_], settings: DriftSettings, alone: CameraName | None
+) -> Drift | None:
     if not far.any():
         return None
     worst = int(np.argmax(np.where(far, np.abs(state.mean), 0.0)))
@@ -150,7 +152,7 @@ def _drift(state: DriftState, far: NDArray[np.bool_], settings: DriftSettings, a
 class DriftWatch:
     """Drift detection of one calibration and choice of cameras; alone: the only camera in use, or None."""
 
-    def __init__(self, alone: EyeName | None = None) -> None:
+    def __init__(self, alone: CameraName | None = None) -> None:
         self.alone = alone
         self.drift: Drift | None = None
         self._state = unlearnt()

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from daemon import frames
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from daemon.arrays import Array
 from daemon.calibration.stereo import StereoResult
 from daemon.pick.moved_pair import USUAL_MM
@@ -57,7 +57,7 @@ class Calibration:
     rig: StereoRig
     tool_from_cyclopean: Array | None = None
     quality: Quality = field(default_factory=Quality)
-    alone: EyeName | None = None
+    alone: CameraName | None = None
     world_from_cyclopean: Array | None = None
     flange_from_tool: Array | None = None
 

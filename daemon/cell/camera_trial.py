@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
-from daemon.arm import EYES, EyeName
+from daemon.arm import CAMERA_NAMES, CameraName
 from daemon.cell.cameras import StereoPair, ThreadedCameras
 from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.vision.geometry import StereoRig
@@ -31,12 +31,12 @@ STILL_IMAGES, AFTER_IMAGES = 8, 12
 SHORTENED = 0.7
 
 
-async def camera_faults(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, str]:
+async def camera_faults(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[CameraName, str]:
     """The fault of each camera that does not work alone; empty where both work. Leaves the cameras in use as before."""
-    faults: dict[EyeName, str] = {}
+    faults: dict[CameraName, str] = {}
     before = cameras.alone
     try:
-        for name in EYES:
+        for name in CAMERA_NAMES:
             wrong = await _fault(cameras, name, clock)
             if wrong is not None:
                 faults[name] = wrong
@@ -45,7 +45,7 @@ async def camera_faults(cameras: ThreadedCameras, clock: Callable[[], float]) ->
     return faults
 
 
-async def _fault(cameras: ThreadedCameras, name: EyeName, clock: Callable[[], float]) -> str | None:
+async def _fault(cameras: ThreadedCameras, name: CameraName, clock: Callable[[], float]) -> str | None:
     try:
         await cameras.use(name)
         first = await cameras.grab(clock(), TRIAL_S)
@@ -57,7 +57,7 @@ async def _fault(cameras: ThreadedCameras, name: EyeName, clock: Callable[[], fl
     return str(wrong[0]).partition(": ")[2] if wrong else None
 
 
-async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, list[str]]:
+async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[CameraName, list[str]]:
     """What each camera in use does not hold before a still scene: exposure, gain, focus; empty where it holds all.
 
     The exposure is shortened for some pictures and set back. Raises CameraError.
@@ -70,8 +70,8 @@ async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
             after = await _series(cameras, clock, AFTER_IMAGES)
         finally:
             await cameras.expose(1 / accepted[0], 1 / accepted[1])
-    faults: dict[EyeName, list[str]] = {}
-    for k, name in enumerate(EYES):
+    faults: dict[CameraName, list[str]] = {}
+    for k, name in enumerate(CAMERA_NAMES):
         if cameras.alone not in (None, name):
             continue
         pixels = [[getattr(pair, name).pixels for pair in pairs] for pairs in (before, after)]
@@ -83,18 +83,18 @@ async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
     return faults
 
 
-async def shutters(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, str]:
+async def shutters(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[CameraName, str]:
     """How each camera in use exposes its rows, for people, from pictures in which something moves to and fro; without
     those that show too little of that. Raises CameraError."""
     pairs = await _series(cameras, clock, MOST_IMAGES)
-    found: dict[EyeName, str] = {}
-    for name in EYES:
+    found: dict[CameraName, str] = {}
+    for name in CAMERA_NAMES:
         if cameras.alone in (None, name) and (shutter := steadiness(pairs, name).shutter) is not None:
             found[name] = shutter
     return found
 
 
-def steadiness(pairs: Collection[StereoPair], name: EyeName) -> Steadiness:
+def steadiness(pairs: Collection[StereoPair], name: CameraName) -> Steadiness:
     """What one camera holds, and how it exposes its rows, by successive pairs."""
     frames = [getattr(pair, name) for pair in pairs]
     return measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from drivers.camera.find import device_rows as device_rows
 from drivers.camera.pair import CameraError, Frame
 from drivers.camera.pair import StereoCamera as StereoCamera
@@ -21,7 +21,7 @@ class ThreadedCameras:
     """A StereoCamera whose blocking calls run in a thread, one after the other."""
 
     def __init__(
-        self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic, alone: EyeName | None = None
+        self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic, alone: CameraName | None = None
     ) -> None:
         self.camera = camera
         self.heard_s: float | None = None
@@ -46,7 +46,7 @@ class ThreadedCameras:
         accepted: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
         return accepted
 
-    async def use(self, alone: EyeName | None) -> None:
+    async def use(self, alone: CameraName | None) -> None:
         """Use one camera, or both (None). Raises CameraError, with nothing changed."""
         await self._call(lambda: self.camera.use(alone))
         self.alone = alone

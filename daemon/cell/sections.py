@@ -15,11 +15,11 @@ from daemon import frames
 from daemon.arm import (
     ARM,
     BODY_MM,
+    CAMERA_NAMES,
     CAMERAS,
     CAMERAS_ON_HAND,
-    EYES,
     ArmModel,
-    EyeName,
+    CameraName,
     body_of,
     in_view,
     plausible,
@@ -119,9 +119,9 @@ def check_cameras(config: Config) -> None:
         raise config.document.error(("cameras", "right"), problem)
 
 
-def alone(config: Config) -> EyeName | None:
+def alone(config: Config) -> CameraName | None:
     """The only camera of the section `cameras`; None where it names both, or none."""
-    named: list[EyeName] = [name for name in EYES if name in config.values.cameras]
+    named: list[CameraName] = [name for name in CAMERA_NAMES if name in config.values.cameras]
     return named[0] if len(named) == 1 and config.kind != "recorded" else None
 
 

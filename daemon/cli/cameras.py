@@ -124,8 +124,8 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
         took = ", ".join(f"{k} {v}" for k, v in one["controls"].items()) or "as found"
         yield f"    {one['line']}: {one['frames']} frames, {one['dropped']} dropped, {one['damaged']} damaged; {took}"
         yield from (f"        {old} is called {new} here: use that name" for old, new in one["renamed"].items())
-    for eye, found in measured["steadiness"].items():
-        yield from (f"    {eye} camera: {line}" for line in (*found["faults"], found["shutter"]) if line)
+    for camera, found in measured["steadiness"].items():
+        yield from (f"    {camera} camera: {line}" for line in (*found["faults"], found["shutter"]) if line)
     if any(found["shutter"] is None for found in measured["steadiness"].values()):
         yield (
             "    Rolling shutter: not measured, as nothing moved to and fro. Repeat with --seconds 5; meanwhile move "
@@ -159,14 +159,14 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
 
 def _steadiness(pairs: Collection[StereoPair]) -> dict[str, dict[str, Any]]:
     """What each camera does not hold, and how long it takes to read out its rows, as rows for people and JSON."""
-    from daemon.arm import EYES
+    from daemon.arm import CAMERA_NAMES
     from daemon.cell.camera_trial import steadiness
 
     found: dict[str, dict[str, Any]] = {}
-    for eye in EYES:
-        one = steadiness(pairs, eye)
+    for camera in CAMERA_NAMES:
+        one = steadiness(pairs, camera)
         readout_ms = None if math.isnan(one.readout_s) else round(1000 * one.readout_s, 1)
-        found[eye] = {"faults": one.faults(), "shutter": one.shutter, "readout_ms": readout_ms}
+        found[camera] = {"faults": one.faults(), "shutter": one.shutter, "readout_ms": readout_ms}
     return found
 
 

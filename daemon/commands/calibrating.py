@@ -250,8 +250,8 @@ def _stereo_lines(result: StereoResult) -> list[str]:
     lines.append(
         f"cameras: residual {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px to the epipolar line"
     )
-    for name, eye in (("left", rig.left), ("right", rig.right)):
-        lines.append(f"  {name:5} focal length {eye.matrix[0, 0]:.2f} +- {sigma[f'{name}.fx']:.2f} px")
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        lines.append(f"  {name:5} focal length {camera.matrix[0, 0]:.2f} +- {sigma[f'{name}.fx']:.2f} px")
     lines.append(f"  baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
     return lines
 

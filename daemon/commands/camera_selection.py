@@ -4,7 +4,7 @@ Nothing here moves the arm. With one camera each look takes two images with a mo
 (daemon/pick/moved_pair.py).
 """
 
-from daemon.arm import EYES, EyeName
+from daemon.arm import CAMERA_NAMES, CameraName
 from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
@@ -12,7 +12,7 @@ from daemon.errors import NOT_DONE
 
 WORDS = ("left", "right", "both", "moving")
 USAGE = "cameras [left|right|both|moving]"
-OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
+OTHER: dict[CameraName, CameraName] = {"left": "right", "right": "left"}
 COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
 UNMEASURED = "not measured: too little moved to and fro; repeat, with print all over the view"
 CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
@@ -48,7 +48,7 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
             raise CommandError(f"both cameras cannot be used yet: {wrong}", NOT_DONE)
         await context.look_with(None, "both cameras agree with the calibration")
         return CommandResult("Using both cameras.", {"alone": None})
-    alone: EyeName = "left" if word == "left" else "right"
+    alone: CameraName = "left" if word == "left" else "right"
     wrong = (await _camera_problems(context)).get(alone)
     if wrong is not None:
         raise CommandError(f"the {alone} camera cannot be used: {wrong}", NOT_DONE)
@@ -58,11 +58,11 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
 
 
 async def _show(context: CommandContext) -> CommandResult:
-    wrong: dict[EyeName, str] = {} if context.calibration.alone is not None else await _camera_problems(context)
+    wrong: dict[CameraName, str] = {} if context.calibration.alone is not None else await _camera_problems(context)
     used = context.hardware.cameras.alone
     lines = ["Using both cameras." if used is None else f"Using the {used} camera alone."]
     lines += [f"{camera} camera: {why}" for camera, why in wrong.items()]
-    not_held: dict[EyeName, list[str]] = {}
+    not_held: dict[CameraName, list[str]] = {}
     if not wrong and context.hardware.kind != "recorded":
         trial = unsteady(context.hardware.cameras, context.hardware.clock)
         not_held = await context.cycle.supervisor.run("look at a still scene", trial, moves=False)
@@ -82,18 +82,18 @@ async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResul
     trial = shutters(context.hardware.cameras, context.hardware.clock)
     found = await context.cycle.supervisor.run("look at a moving scene", trial, moves=False)
     context.shutters = {**(context.shutters or {}), **found}
-    used = [eye for eye in EYES if context.hardware.cameras.alone in (None, eye)]
-    lines = [f"{eye} camera: {found.get(eye, UNMEASURED)}" for eye in used]
+    used = [camera for camera in CAMERA_NAMES if context.hardware.cameras.alone in (None, camera)]
+    lines = [f"{camera} camera: {found.get(camera, UNMEASURED)}" for camera in used]
     return CommandResult("\n".join(lines), {"shutters": dict(found)})
 
 
-async def _camera_problems(context: CommandContext) -> dict[EyeName, str]:
+async def _camera_problems(context: CommandContext) -> dict[CameraName, str]:
     """Test each camera, while nothing else looks or moves; returns the problem by camera. Raises RefusedError."""
     trial = camera_faults(context.hardware.cameras, context.hardware.clock)
     return await context.cycle.supervisor.run("test the cameras", trial, moves=False)
 
 
-async def remaining_camera(context: CommandContext, fault: str) -> tuple[EyeName, str] | None:
+async def remaining_camera(context: CommandContext, fault: str) -> tuple[CameraName, str] | None:
     """The only camera that still works after a camera fault, and the problem of the other one. None where both work, or
     none does, or the fault has another cause."""
     hardware = context.hardware

@@ -32,7 +32,7 @@ class CycleObserver:
     def looked(self, look: Look) -> None:
         """Feed the drift detection with a look; report a drift, and stop autonomous picking beyond its limit."""
         context = self._context
-        camera = None if look.taken.moved is None else look.taken.moved.eye
+        camera = None if look.taken.moved is None else look.taken.moved.camera
         if camera != self._drift.alone or context.calibration is not self._calibration:
             self._drift, self._calibration = DriftWatch(alone=camera), context.calibration
         drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))

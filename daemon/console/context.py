@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 from daemon import VERSION
-from daemon.arm import EyeName, Recorder
+from daemon.arm import CameraName, Recorder
 from daemon.calibration.file import Calibration
 from daemon.cell.hardware import EXPECTED_ERRORS, Hardware
 from daemon.cell.pick_cell import pick_cell
@@ -74,9 +74,9 @@ class CommandContext:
     """The model version checked last for sufficient views, and the result."""
     one_camera_allowed: bool = False
     """An operator permitted picking with one camera after a fault of the other."""
-    not_held: Mapping[EyeName, Sequence[str]] | None = None
+    not_held: Mapping[CameraName, Sequence[str]] | None = None
     """What each camera did not hold in the last test before a still scene; None: not tested."""
-    shutters: Mapping[EyeName, str] | None = None
+    shutters: Mapping[CameraName, str] | None = None
     """How each camera exposes its rows, where `cameras moving` measured it; None: never tested."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
     _begun: PickOrder = ALL
@@ -92,7 +92,7 @@ class CommandContext:
         """The table in the cyclopean frame of an observation."""
         return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
 
-    async def look_with(self, alone: EyeName | None, why: str) -> None:
+    async def look_with(self, alone: CameraName | None, why: str) -> None:
         """Use one camera, or both (None), between jobs and as a job of its own. Raises CameraError, RefusedError."""
         before, cameras = self.hardware.cameras.alone, self.hardware.cameras
 

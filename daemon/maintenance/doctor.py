@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from daemon.calibration.file import Calibration
 from daemon.cell import sections
 from daemon.cell.hardware import Hardware
@@ -65,8 +65,8 @@ def from_service(
     hardware: Hardware,
     troubles: Mapping[str, str],
     fault: str | None,
-    not_held: Mapping[EyeName, Sequence[str]] | None = None,
-    shutters: Mapping[EyeName, str] | None = None,
+    not_held: Mapping[CameraName, Sequence[str]] | None = None,
+    shutters: Mapping[CameraName, str] | None = None,
 ) -> list[CheckResult]:
     """Checks that only the running daemon can make. fault: the active one; not_held: by camera, what it did not hold
     when the command `cameras` tested it; shutters: by camera, what `cameras moving` measured."""
@@ -80,10 +80,10 @@ def from_service(
     if not shutters and hardware.kind == "real":
         mend = "Give `cameras moving`, and move a newspaper before them"
         findings.append(CheckResult("note", "cameras", "not tested for a rolling shutter", mend))
-    for eye, shutter in (shutters or {}).items():
-        findings.append(CheckResult("note" if shutter.startswith("rolling") else "good", f"{eye} camera", shutter))
-    for eye, whys in (not_held or {}).items():
-        findings += [CheckResult("bad", f"{eye} camera", why) for why in whys]
+    for camera, shutter in (shutters or {}).items():
+        findings.append(CheckResult("note" if shutter.startswith("rolling") else "good", f"{camera} camera", shutter))
+    for camera, whys in (not_held or {}).items():
+        findings += [CheckResult("bad", f"{camera} camera", why) for why in whys]
     if "controller" not in troubles and heard_s is not None:
         ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))

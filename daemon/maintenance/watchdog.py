@@ -118,9 +118,9 @@ class Watchdog:
 
     async def _check_cameras(self) -> None:
         context = self._context
-        eyes, limit_s = context.hardware.cameras, context.config.values.health.camera_silence_s
+        cameras, limit_s = context.hardware.cameras, context.config.values.health.camera_silence_s
         try:
-            await eyes.grab(context.hardware.clock() - limit_s, limit_s / 2)
+            await cameras.grab(context.hardware.clock() - limit_s, limit_s / 2)
             context.troubles.report("cameras", None)
         except EXPECTED_ERRORS as error:
             await self._lost("cameras", error)

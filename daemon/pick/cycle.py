@@ -233,8 +233,8 @@ class PickCycle:
         self._end_wait.set()
 
     async def look(self, purpose: str = "look") -> Look:
-        """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
-        which the arm moves between two pictures, and back."""
+        """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one
+        camera, which the arm moves between two pictures, and back."""
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
     async def locate(self, label: str) -> Array:
@@ -482,7 +482,7 @@ class PickCycle:
         return await self.supervisor.mover.rest()
 
     async def _set_out_to_look(self) -> Reading:
-        """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one eye,
+        """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one camera,
         among the parts."""
         here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:

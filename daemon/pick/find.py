@@ -105,8 +105,8 @@ async def _is_there(context: PickContext, pose: Array) -> bool:
 
 
 def _tell_outlines(world: WorldModel) -> None:
-    """A table on which nothing was found is empty, unless both eyes have outlines there that do not fit one another and
-    are not those of a pattern."""
+    """A table on which nothing was found is empty, unless both cameras have outlines there that do not fit one another
+    and are not those of a pattern."""
     odd = [seen for seen in world.looks if all(seen.scene.view.outlines)]
     if odd and all(cause_of_nothing(seen.taken.images) is Cause.PATTERNED for seen in odd):
         world.result = PickResult(Outcome.EMPTY, "no part shows on the patterned table", None)
@@ -369,9 +369,9 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
     poses = places_round(middle, context.cell.mounting, survey.distance_mm, tilts=SIDES_DEG)
     poses = await context.cell.compute(allowed, poses, context.mover.reach)
-    eyes = [context.cell.mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]
+    viewpoints = [context.cell.mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
-    for place in freshest(middle, eyes, before):
+    for place in freshest(middle, viewpoints, before):
         try:
             await travel(context, world, poses[place], "another side", world.looks[-1])
         except MOVE_ERRORS as error:
@@ -387,7 +387,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
 def _next_views(
     part: ObservedPart,
     others: Sequence[ObservedPart],
-    eyes_before: Array,
+    viewpoints_before: Array,
     recogniser: PartRecogniser,
     settings: Settings,
     rig: StereoRig,
@@ -409,7 +409,7 @@ def _next_views(
             part.centre,
             np.array([mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]),
             [reach.takes_s(pose, settings.travel_pct) + part.look.seconds for pose in poses],
-            eyes_before,
+            viewpoints_before,
             [ring for other in others for ring in outlines_of(other, recogniser)],
         ),
     )

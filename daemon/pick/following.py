@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting, EyeName, HeldPart, InWorld, Workcell
+from daemon.arm import CameraMounting, CameraName, HeldPart, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.gripper import Gripper
@@ -128,18 +128,18 @@ def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
 def by_edges(shape: Polyhedron, taken: Taken, near: Array, reach_mm: float) -> Fit | None:
     """A known part's pose by its edges in a pair, near (4, 4) cyclopean_from_part; None where they do not show there.
 
-    In a pair of one eye each picture says by itself where the part is, and the arm's errors at both places count.
+    In a pair of one camera each picture says by itself where the part is, and the arm's errors at both places count.
     """
-    eyes = taken.eyes
+    stereo = taken.stereo
     if taken.moved is None:
-        return fit_edges(shape, eyes, near, reach_mm)
-    both = fit_each(shape, eyes, near, reach_mm)
+        return fit_edges(shape, stereo, near, reach_mm)
+    both = fit_each(shape, stereo, near, reach_mm)
     if both is None:
         return None
     poses, covariances = [fit.cyclopean_from_part for fit in both], [fit.covariance for fit in both]
     across_mm = float(np.linalg.norm(np.ptp(shape.corners_mm, axis=0)))
-    eyes_there = taken.rig.left, taken.rig.right
-    pose, covariance = moved_pair.weighed(poses, covariances, eyes_there, taken.moved.arm, TOLERANCE_MM / across_mm)
+    cameras = taken.rig.left, taken.rig.right
+    pose, covariance = moved_pair.weighed(poses, covariances, cameras, taken.moved.arm, TOLERANCE_MM / across_mm)
     return replace(both[0], cyclopean_from_part=pose, covariance=covariance)
 
 
@@ -170,7 +170,7 @@ class CameraMount:
 
     rig: StereoRig
     mounting: CameraMounting
-    alone: EyeName | None = None
+    alone: CameraName | None = None
 
 
 def mount_of(cell: Workcell) -> CameraMount:
@@ -181,16 +181,16 @@ def mount_of(cell: Workcell) -> CameraMount:
 def in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
-    near, eyes = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, _eyes_on_the_hand(taken, mount)
-    return any(edge_support(target.shape, eyes, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
+    near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, _cameras_on_the_gripper(taken, mount)
+    return any(edge_support(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
 
 
 def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
-    eyes = _eyes_on_the_hand(before, mount), _eyes_on_the_hand(after, mount)
-    return any(edges_gone(target.shape, *eyes, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt))
+    stereo = _cameras_on_the_gripper(before, mount), _cameras_on_the_gripper(after, mount)
+    return any(edges_gone(target.shape, *stereo, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt))
 
 
 def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:
@@ -240,7 +240,7 @@ def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: Camera
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
     near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
-    fit = settled(shape, taken.eyes, near, reach_mm)
+    fit = settled(shape, taken.stereo, near, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part
@@ -284,22 +284,22 @@ def came_back_empty(taken: Taken, mount: CameraMount, gripper: Gripper) -> bool:
     empty = gripper.empty
     if empty is None:
         return False
-    eyes, near = _eyes_on_the_hand(taken, mount), _cyclopean_from_tool(taken, mount)
-    return shown(empty, eyes, near, EMPTY_REACH_MM) > EMPTY_SHOWS
+    stereo, near = _cameras_on_the_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
+    return shown(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
 def _cyclopean_from_tool(taken: Taken, mount: CameraMount) -> Array:
     return frames.inverse(mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool))
 
 
-def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> StereoImages:
+def _cameras_on_the_gripper(taken: Taken, mount: CameraMount) -> StereoImages:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
-    eyes = taken.eyes
+    stereo = taken.stereo
     if mount.alone is None:
-        return eyes
-    left, right = (replace(view, eye=replace(view.eye, camera=mount.rig.left)) for view in eyes.views)
-    return replace(eyes, left=left, right=right)
+        return stereo
+    left, right = (replace(view, rectified=replace(view.rectified, camera=mount.rig.left)) for view in stereo.views)
+    return replace(stereo, left=left, right=right)
 
 
 def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
@@ -326,8 +326,8 @@ def _sighted(
     seen: tuple[Array, Array], there: tuple[Array, Array, Array | None], rig: StereoRig, doubt: Doubt, one_moment: bool
 ) -> Sighting:
     """seen: cyclopean_from_part and its covariance; there: world_from_tool, world_from_cyclopean and the pivot of fixed
-    cameras. What is in a fit of a moved pair already does not count again: the arm's errors, and no offset of one eye
-    against another. The arm moves no fixed cameras."""
+    cameras. What is in a fit of a moved pair already does not count again: the arm's errors, and no offset of one
+    camera against another. The arm moves no fixed cameras."""
     world_from_tool, world_from_cyclopean, pivot = there
     carrier = world_from_tool if pivot is None else frames.rigid(np.eye(3), pivot)
     return pose_fusion.sighting(

@@ -39,7 +39,7 @@ class MisleadingImagesError(VisionError):
     def __init__(self, findings: Sequence[Finding]) -> None:
         super().__init__("; ".join(map(str, findings)))
         self._measures = tuple(findings)
-        self.findings = tuple(f"{finding.name} {finding.eye}" for finding in findings)
+        self.findings = tuple(f"{finding.name} {finding.camera}" for finding in findings)
         self.code = BY_MEASURE[findings[0].name]
 
     def __reduce__(self) -> tuple[type, tuple[object]]:
@@ -50,8 +50,8 @@ class MisleadingImagesError(VisionError):
 @dataclass(frozen=True, eq=False)
 class Taken(ByReference):
     """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
-    the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one eye was for each
-    picture, None where both are of one moment; pivot: that of fixed cameras (see InWorld), None on the hand."""
+    the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one camera was for
+    each picture, None where both are of one moment; pivot: that of fixed cameras (see InWorld), None on the hand."""
 
     before: Pictures
     pictures: Pictures
@@ -68,7 +68,7 @@ class Taken(ByReference):
         return self.pictures.left.pixels, self.pictures.right.pixels
 
     @property
-    def eyes(self) -> StereoImages:
+    def stereo(self) -> StereoImages:
         """Both images made ready for edges."""
         return open_stereo(*self.images, self.rig)
 
@@ -123,10 +123,11 @@ class Look(ByReference):
         return self.taken.world_from_cyclopean
 
     @property
-    def eyes(self) -> tuple[Array, Array]:
+    def viewpoints(self) -> tuple[Array, Array]:
         """(3,) world mm: where the left and the right camera looked from."""
         left, right = (
-            self.world_from_cyclopean @ e.cyclopean_from_camera for e in (self.taken.rig.left, self.taken.rig.right)
+            self.world_from_cyclopean @ camera.cyclopean_from_camera
+            for camera in (self.taken.rig.left, self.taken.rig.right)
         )
         return left[:3, 3], right[:3, 3]
 
@@ -147,16 +148,16 @@ async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: 
 
 
 def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> Taken:
-    """The pair of two pictures of a cell's one eye. Raises ValueError where the arm did not move between them."""
+    """The pair of two pictures of a cell's one camera. Raises ValueError where the arm did not move between them."""
     assert cell.alone is not None
-    from_eyes = [taken.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera for taken in (first, second)]
-    rig, world_from_cyclopean = moved_rig(cell.rig.left, cell.rig.image_size, (from_eyes[0], from_eyes[1]))
-    rightwards = float((from_eyes[1] - from_eyes[0])[:3, 3] @ from_eyes[0][:3, 0]) > 0
+    from_cameras = [taken.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera for taken in (first, second)]
+    rig, world_from_cyclopean = moved_rig(cell.rig.left, cell.rig.image_size, (from_cameras[0], from_cameras[1]))
+    rightwards = float((from_cameras[1] - from_cameras[0])[:3, 3] @ from_cameras[0][:3, 0]) > 0
     before, pictures = (
         MovedPair(*((a.left, b.left) if rightwards else (b.left, a.left)))
         for a, b in ((first.before, second.before), (first.pictures, second.pictures))
     )
-    left, right = (eye.cyclopean_from_camera for eye in (rig.left, rig.right))
+    left, right = (camera.cyclopean_from_camera for camera in (rig.left, rig.right))
     places = Places(cell.alone, left, right, doubt.arm_mm, doubt.arm_deg)
     return Taken(
         before, pictures, second.reading, max(first.settled_s, second.settled_s), rig, world_from_cyclopean, places
@@ -222,14 +223,14 @@ def _seen(recogniser: PartRecogniser, taken: Taken, table: TablePlane | None) ->
 
 
 async def relight(cell: Workcell, look: Look) -> str | None:
-    """Set both eyes' exposure by what a whole look saw, where its light was wrong: what was done, or None.
+    """Set both cameras' exposure by what a whole look saw, where its light was wrong: what was done, or None.
 
     Looks from before stay true: exposure changes levels, not places.
     """
     wanted = exposure_factors(look.taken.images, look.scene.parts)
-    if wanted is not None and cell.alone is not None:  # one eye took both
+    if wanted is not None and cell.alone is not None:  # one camera took both
         wanted = (float(np.sqrt(wanted[0] * wanted[1])),) * 2
-    took = None if wanted is None else await cell.eyes.expose(*wanted)
+    took = None if wanted is None else await cell.cameras.expose(*wanted)
     if took is None or max(abs(np.log(factor)) for factor in took) < np.log(LEAST_CHANGE):
         return None
     return "exposure x {:.2f} left, x {:.2f} right".format(*took)
@@ -290,8 +291,8 @@ def log_look(
             "epipolar_px": look.epipolar_px,
             "noise": look.scene.view.noise_sigma,
             **health_fields(look.clue),
-            **{f"{f.name}_{f.eye}": f.value for f in look.health},
-            "findings": {f"{f.name} {f.eye}": str(f) for f in look.health if not f.good},
+            **{f"{f.name}_{f.camera}": f.value for f in look.health},
+            "findings": {f"{f.name} {f.camera}": str(f) for f in look.health if not f.good},
         },
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,

@@ -1,8 +1,8 @@
-"""A look with one eye: two pictures at rest, the arm's own places between them, and the errors of those places.
+"""A look with one camera: two pictures at rest, the arm's own places between them, and the errors of those places.
 
-Pure: places and pictures in, a rig and covariances out; who moves the arm and waits is world.py. The eye moves sideways
-and does not turn. What moves with it (the fingers, a part in the hand) then lies in both pictures in one place, as if
-far away, and is taken for nothing on the table; turned towards one point, it would seem to lie there.
+Pure: places and pictures in, a rig and covariances out; who moves the arm and waits is world.py. The camera moves
+sideways and does not turn. What moves with it (the fingers, a part in the hand) then lies in both pictures in one
+place, as if far away, and is taken for nothing on the table; turned towards one point, it would seem to lie there.
 
 The arm stands a little off what it says, otherwise at each place. Three things are made of that. A corner that two
 rays fix has the doubt of their crossing on top of its own (`with_arm`). A part that is known is laid onto each picture
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.arm import EyeName, Picture
+from daemon.arm import CameraName, Picture
 from daemon.arrays import Array
 from daemon.pick.pose_fusion import Doubt
 from daemon.vision.geometry import Camera, StereoRig, moved_rig
@@ -28,18 +28,18 @@ USUAL_MM = 60.0
 """The baseline that places to look from are planned for: the first picture is taken half of it to the left of them."""
 SHORTEST_MM, LONGEST_MM = 40.0, 120.0
 OF_DISTANCE, OF_KNOWN = 0.15, 0.25
-"""Of the distance looked at, what the eye is moved by. Where parts are to be found, both pictures must show the same
+"""Of the distance looked at, what the camera is moved by. Where parts are to be found, both pictures must show the same
 sides of them, and all of the table; of one that is known, the farther apart the better
 (tests/bench/long/one_eye.py)."""
 USUAL_DISTANCE_MM = 350.0
 """Where it is not known how far what is looked at is."""
 SIDES = ((1.0, True), (-1.0, True), (1.0, False), (-1.0, False))
-"""Which way the eye is moved, right before left, by the whole baseline before the shortest."""
+"""Which way the camera is moved, right before left, by the whole baseline before the shortest."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovedPair:
-    """Two pictures of one eye (daemon/arm's Pictures)."""
+    """Two pictures of one camera (daemon/arm's Pictures)."""
 
     left: Picture
     right: Picture
@@ -47,10 +47,10 @@ class MovedPair:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where one eye was for each picture of a moved pair: left and right, (4, 4) cyclopean_from_camera mm; and how far
-    the arm may have been off at each, standard deviations per axis."""
+    """Where one camera was for each picture of a moved pair: left and right, (4, 4) cyclopean_from_camera mm; and how
+    far the arm may have been off at each, standard deviations per axis."""
 
-    eye: EyeName
+    camera: CameraName
     left: Array
     right: Array
     arm_mm: float
@@ -62,45 +62,47 @@ class Places:
         return Doubt(arm_mm=self.arm_mm, arm_deg=self.arm_deg).arm()
 
     def rig(self, calibrated: StereoRig) -> StereoRig:
-        """The eye, as it is in a calibrated rig, at both places."""
-        camera: Camera = getattr(calibrated, self.eye)
-        eyes = [replace(camera, cyclopean_from_camera=place) for place in (self.left, self.right)]
-        return StereoRig(eyes[0], eyes[1], calibrated.image_size)
+        """The camera, as it is in a calibrated rig, at both places."""
+        camera: Camera = getattr(calibrated, self.camera)
+        cameras = [replace(camera, cyclopean_from_camera=place) for place in (self.left, self.right)]
+        return StereoRig(cameras[0], cameras[1], calibrated.image_size)
 
     def json(self) -> dict[str, Any]:
         """As JSON values; `places_of` reads them."""
-        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+        left, right = self.left.tolist(), self.right.tolist()
+        return {"eye": self.camera, "left": left, "right": right, "arm_mm": self.arm_mm, "arm_deg": self.arm_deg}
 
 
 def places_of(json: dict[str, Any] | None) -> Places | None:
-    """What `Places.json` gave; None where a pair was one of both eyes."""
+    """What `Places.json` gave; None where a pair was one of both cameras."""
     if not json:
         return None
     left, right = (np.array(json[name], float) for name in ("left", "right"))
     return Places(json["eye"], left, right, float(json["arm_mm"]), float(json["arm_deg"]))
 
 
-def seen_by_one(rig: StereoRig, tool_from_cyclopean: Array, alone: EyeName) -> tuple[StereoRig, Array]:
-    """The rig of a usual moved pair of one of a rig's eyes, and where that is on the tool: (StereoRig, (4, 4) mm)."""
-    eye: Camera = getattr(rig, alone)
-    tool_from_eye = tool_from_cyclopean @ eye.cyclopean_from_camera
-    return moved_rig(eye, rig.image_size, (tool_from_eye, tool_from_eye @ _aside(USUAL_MM)))
+def seen_by_one(rig: StereoRig, tool_from_cyclopean: Array, alone: CameraName) -> tuple[StereoRig, Array]:
+    """The rig of a usual moved pair of one of a rig's cameras, and where that is on the tool: (StereoRig, (4, 4)
+    mm)."""
+    camera: Camera = getattr(rig, alone)
+    tool_from_camera = tool_from_cyclopean @ camera.cyclopean_from_camera
+    return moved_rig(camera, rig.image_size, (tool_from_camera, tool_from_camera @ _aside(USUAL_MM)))
 
 
-def distance_mm(world_from_eye: Array, table_z_mm: float | None) -> float:
-    """How far along its axis an eye at (4, 4) mm meets the table; a usual distance where it hardly looks down."""
-    if table_z_mm is None or world_from_eye[2, 2] > -0.2:
+def distance_mm(world_from_camera: Array, table_z_mm: float | None) -> float:
+    """How far along its axis a camera at (4, 4) mm meets the table; a usual distance where it hardly looks down."""
+    if table_z_mm is None or world_from_camera[2, 2] > -0.2:
         return USUAL_DISTANCE_MM
-    return float((table_z_mm - world_from_eye[2, 3]) / world_from_eye[2, 2])
+    return float((table_z_mm - world_from_camera[2, 3]) / world_from_camera[2, 2])
 
 
-def places_beside(world_from_eye: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
-    """Where the eye (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first. known: it
-    is one part, and about where is known; back: to the left before the right."""
+def places_beside(world_from_camera: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
+    """Where the camera (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first. known:
+    it is one part, and about where is known; back: to the left before the right."""
     share = OF_KNOWN if known else OF_DISTANCE
     most = float(np.clip(share * away_mm, SHORTEST_MM, LONGEST_MM))
     for side, whole in SIDES:
-        yield world_from_eye @ _aside((-side if back else side) * (most if whole else SHORTEST_MM))
+        yield world_from_camera @ _aside((-side if back else side) * (most if whole else SHORTEST_MM))
 
 
 def with_arm(scene: Scene, rig: StereoRig, arm: Array) -> Scene:
@@ -128,7 +130,7 @@ def of_pair(part: Part, rig: StereoRig, arm: Array) -> Array:
 
 
 def weighed(
-    poses: Sequence[Array], covariances: Sequence[Array], eyes: Sequence[Camera], arm: Array, size_share: float
+    poses: Sequence[Array], covariances: Sequence[Array], cameras: Sequence[Camera], arm: Array, size_share: float
 ) -> tuple[Array, Array]:
     """One pose of what each of two pictures shows by itself: (cyclopean_from_part (4, 4), covariance (6, 6)).
 
@@ -140,11 +142,11 @@ def weighed(
     total, right = np.zeros((7, 7)), np.zeros(7)
     total[6, 6] = size_share**-2.0
     rows = []
-    for pose, covariance, eye in zip(poses, covariances, eyes, strict=True):
-        eye_from_part = frames.inverse(eye.cyclopean_from_camera) @ pose
-        whole = covariance + frames.lever_covariance(eye_from_part, arm, eye.cyclopean_from_camera)
+    for pose, covariance, camera in zip(poses, covariances, cameras, strict=True):
+        camera_from_part = frames.inverse(camera.cyclopean_from_camera) @ pose
+        whole = covariance + frames.lever_covariance(camera_from_part, arm, camera.cyclopean_from_camera)
         jacobian = np.eye(6, 7)
-        jacobian[:3, 6] = eye.cyclopean_from_camera[:3, 3] - pose[:3, 3]  # a larger part seems to be nearer
+        jacobian[:3, 6] = camera.cyclopean_from_camera[:3, 3] - pose[:3, 3]  # a larger part seems to be nearer
         off = frames.difference(pose, poses[0])
         rows.append((jacobian, np.linalg.inv(whole), off))
         total += jacobian.T @ rows[-1][1] @ jacobian
@@ -156,15 +158,15 @@ def weighed(
 
 
 def hints(clue: Clue, arm: Array) -> Clue:
-    """A clue of a moved pair: what the arm's errors at both places may have turned is no turn of an eye."""
+    """A clue of a moved pair: what the arm's errors at both places may have turned is no turn of a camera."""
     turn = 2 * arm[3, 3] + 2 * arm[0, 0] / USUAL_DISTANCE_MM**2
     return replace(clue, sigma=np.sqrt(clue.sigma**2 + turn))
 
 
 def _crossings(rig: StereoRig, points_mm: Array) -> Array:
-    """(N, 3, 6): how points (N, 3), cyclopean, where rays of both eyes cross, move along the left rays with an error of
-    the right eye's place (6,) against the left's."""
-    left, right = (eye.cyclopean_from_camera[:3, 3] for eye in (rig.left, rig.right))
+    """(N, 3, 6): how points (N, 3), cyclopean, where rays of both cameras cross, move along the left rays with an error
+    of the right camera's place (6,) against the left's."""
+    left, right = (camera.cyclopean_from_camera[:3, 3] for camera in (rig.left, rig.right))
     found = []
     for point in points_mm:
         a, b = point - left, point - right

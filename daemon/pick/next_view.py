@@ -228,14 +228,14 @@ class _FacetsInSpace:
         return len(self.corners)
 
 
-def shown(look: Outlook, centre: Array, eyes: Array, beside: Sequence[Array] = ()) -> Array:
-    """(V, H, C) how often each facet is found from eyes (V, 3), under each hypothesis; the last is whatever something
-    not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,): what is
-    looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
-    towards = eyes - centre
+def shown(look: Outlook, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
+    """(V, H, C) how often each facet is found from cameras (V, 3), under each hypothesis; the last is whatever
+    something not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,):
+    what is looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
+    towards = centres - centre
     towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
     count = 1 + max(int(own.max()) for own in look.numbers)
-    found = np.zeros((len(eyes), len(look.hypotheses), count + 1))
+    found = np.zeros((len(centres), len(look.hypotheses), count + 1))
     for k, (h, own) in enumerate(zip(look.hypotheses, look.numbers, strict=True)):
         turned = towards @ h.world_from_part[:3, :3]
         part_from_world = frames.inverse(h.world_from_part)
@@ -283,24 +283,24 @@ def next_best(
     hypotheses: Sequence[PartHypothesis],
     rig: StereoRig,
     centre: Array,
-    eyes: Array,
+    centres: Array,
     seconds: Sequence[float],
-    eyes_before: Array,
+    centres_before: Array,
     beside: Sequence[Array] = (),
 ) -> list[Gain]:
-    """Places the cameras may be brought to, eyes (V, 3), in the order in which to try them: by what a look from there
-    settles for its seconds; where none settles anything, the farthest from all looks before, eyes_before (L, 3), first.
-    beside: polygons (N, 3) of other things. All world, mm."""
+    """Places the cameras may be brought to, centres (V, 3), in the order in which to try them: by what a look from
+    there settles for its seconds; where none settles anything, the farthest from all looks before, centres_before (L,
+    3), first. beside: polygons (N, 3) of other things. All world, mm."""
     look = outlook(hypotheses, rig)
-    look = missed(look, shown(look, centre, eyes_before, beside))
-    gains = ranked(look, shown(look, centre, eyes, beside), seconds)
+    look = missed(look, shown(look, centre, centres_before, beside))
+    gains = ranked(look, shown(look, centre, centres, beside), seconds)
     if gains and max(g.bits for g in gains) >= LEAST_BITS:
         return gains
     by_place = {g.place: g for g in gains}
-    return [by_place[place] for place in freshest(centre, eyes, eyes_before)]
+    return [by_place[place] for place in freshest(centre, centres, centres_before)]
 
 
-def freshest(centre: Array, eyes: Sequence[Array] | Array, eyes_before: Sequence[Array] | Array) -> list[int]:
+def freshest(centre: Array, centres: Sequence[Array] | Array, centres_before: Sequence[Array] | Array) -> list[int]:
     """Places, by their numbers, the farthest round a point from all looks before first."""
-    away = [min(viewpoints.angle_at(centre, eye, old) for old in eyes_before) for eye in eyes]
+    away = [min(viewpoints.angle_at(centre, place, old) for old in centres_before) for place in centres]
     return sorted(range(len(away)), key=lambda place: -away[place])

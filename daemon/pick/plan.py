@@ -114,10 +114,10 @@ def plan_part(
     plans = []
     for grasp in found:
         pose = mounting.look_pose(grasp.world_from_tool[:3, :3], centre, middle)
-        eye = mounting.world_from_cyclopean_at(pose)[:3, 3]
-        if any(viewpoints.angle_at(centre, eye, centre + away) < SAME_SIDE_RAD for away in unseen_from):
+        viewpoint = mounting.world_from_cyclopean_at(pose)[:3, 3]
+        if any(viewpoints.angle_at(centre, viewpoint, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
-        worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
+        worth = viewpoints.view_worth(shape, world_from_part, viewpoint) + seen_again(seen, viewpoint)
         plans.append(Plan(grasp, worth, neighbours))
     if not plans:
         return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")

@@ -216,9 +216,9 @@ class Regrasping:
         worth = []
         for grasp, tool in zip(grasps, tools, strict=True):
             look = self.mounting.look_pose(tool[:3, :3], centre, stand_offs[len(stand_offs) // 2])
-            eye = self.mounting.world_from_cyclopean_at(look)[:3, 3]
+            viewpoint = self.mounting.world_from_cyclopean_at(look)[:3, 3]
             shows = self._shows_held(frames.inverse(tool) @ pose)
-            worth.append(view_worth(self.shape, pose, eye) + SHOWS_COUNT * shows - grasp.risk)
+            worth.append(view_worth(self.shape, pose, viewpoint) + SHOWS_COUNT * shows - grasp.risk)
         return sorted(range(len(worth)), key=lambda number: -worth[number])
 
     def _shows_held(self, tool_from_part: Array) -> float:
@@ -232,8 +232,8 @@ class Regrasping:
         start, end = (frames.apply(near, self.shape.corners_mm)[faced[:, k]] for k in (0, 1))
         points = (start[:, None] + ALONG_EDGE[:, None] * (end - start)[:, None]).reshape(-1, 3)
         in_view = np.ones(len(points), bool)
-        for eye in (self.rig.left, self.rig.right):
-            px = eye.project(points)
+        for camera in (self.rig.left, self.rig.right):
+            px = camera.project(points)
             in_view &= ((px > RIM_PX) & (px < np.array(self.rig.image_size) - RIM_PX)).all(axis=1)
         return float(in_view.mean())
 
@@ -333,7 +333,7 @@ class Regrasping:
         points = np.column_stack([np.vstack([rim, spot]), np.full(9, self.settings.limits.table_z_mm)])
         return not self.looks or any(
             all(in_both_images(look, point) for point in points)
-            and not any(self.beside.hides(points, eye) for eye in look.eyes)
+            and not any(self.beside.hides(points, viewpoint) for viewpoint in look.viewpoints)
             for look in self.looks
         )
 
@@ -384,8 +384,8 @@ class Regrasping:
         places, from where the next grasp is approached."""
         centre, way = self._centre(pose), self._way(pose, held.tool_from_part)
         looks = np.stack([*looks_round(centre, self.settings, self.mounting)])
-        eyes = [self.mounting.world_from_cyclopean_at(look)[:3, 3] for look in looks]
-        worth = np.array([view_worth(self.shape, pose, eye) for eye in eyes])
+        viewpoints = [self.mounting.world_from_cyclopean_at(look)[:3, 3] for look in looks]
+        worth = np.array([view_worth(self.shape, pose, viewpoint) for viewpoint in viewpoints])
         worth[~self.allowed(looks)] = -1.0
         look = looks[worth.argmax()]
         if worth.max() < 0.0:

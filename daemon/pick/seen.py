@@ -102,11 +102,11 @@ def is_own(other: ObservedPart, part: ObservedPart) -> bool:
     return other.lone and same_place(other.centre, part.centre, reach)
 
 
-def seen_again(seen: Sequence[Facing], eye: Array) -> float:
-    """How well the facets separated before would show to the eye (3,), world: 0 to 1, their mean."""
+def seen_again(seen: Sequence[Facing], viewpoint: Array) -> float:
+    """How well the facets separated before would show from the viewpoint (3,), world: 0 to 1, their mean."""
     if not seen:
         return 0.0
-    rays = [eye - f.centre for f in seen]
+    rays = [viewpoint - f.centre for f in seen]
     cosines = [float(f.normal @ ray) / float(np.linalg.norm(ray)) for f, ray in zip(seen, rays, strict=True)]
     return float(np.mean(np.sqrt(np.clip((np.array(cosines) - FACING) / (1 - FACING), 0, 1))))
 
@@ -119,7 +119,7 @@ def seen_parts(look: Look) -> list[ObservedPart]:
 def in_both_images(look: Look, point: Array) -> bool:
     """Whether a point (3,), world, lies well within both images of a look."""
     middle, rig = frames.apply(frames.inverse(look.world_from_cyclopean), point[None]), look.taken.rig
-    px = np.concatenate([eye.project(middle) for eye in (rig.left, rig.right)])
+    px = np.concatenate([camera.project(middle) for camera in (rig.left, rig.right)])
     return bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
 
 

@@ -232,11 +232,11 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     pose, centre = found[0].world_from_part, found[0].centre
     expected = Expected(label, 1.0, shape, at_place(shape, pose))
     sightings: list[Sighting] = []
-    eyes: list[Array] = []
-    while len(eyes) < (0 if context.mover.dry else MOST_LOOKS):
-        await _go_round(context, world, centre, label, eyes)
+    viewpoints: list[Array] = []
+    while len(viewpoints) < (0 if context.mover.dry else MOST_LOOKS):
+        await _go_round(context, world, centre, label, viewpoints)
         seen = await look(context, world, f"find {label}", expected)
-        eyes.append(seen.world_from_cyclopean[:3, 3])
+        viewpoints.append(seen.world_from_cyclopean[:3, 3])
         if seen.tracked is not None:
             sightings.append(sighted(seen, seen.tracked, context.cell.rig, context.settings.doubt))
     if not sightings and not context.mover.dry:
@@ -284,7 +284,7 @@ async def held_here(context: PickContext) -> HeldHere:
 
 
 async def _go_round(
-    context: PickContext, world: WorldModel, centre: Array, name: str, eyes_before: Sequence[Array]
+    context: PickContext, world: WorldModel, centre: Array, name: str, viewpoints_before: Sequence[Array]
 ) -> None:
     """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before; eyes_before:
     (3,) world mm."""
@@ -292,8 +292,8 @@ async def _go_round(
     poses = places_round(centre, mounting, context.settings.verify_mm)
     poses = await context.cell.compute(allowed, poses, context.mover.reach)
     order: Sequence[int] = range(len(poses))
-    if eyes_before:
-        order = freshest(centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], eyes_before)
+    if viewpoints_before:
+        order = freshest(centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], viewpoints_before)
     refused: MoveRefusedError | OutOfReachError = OutOfReachError(
         f"{name} can be looked at from nowhere in the arm's reach"
     )
@@ -315,19 +315,19 @@ async def _judge(
     is nearer to the tolerance than it may err, or a look does not show the part: what they say, and the last of them.
     empty: what a place is that shows nothing."""
     sightings: list[Sighting] = []
-    eyes: list[Array] = []
+    viewpoints: list[Array] = []
     doubt, rig = context.settings.doubt, context.cell.rig
     while True:
         seen = await look(context, world, f"place {goal.place.name}", _expecting(goal))
-        eyes.append(seen.world_from_cyclopean[:3, 3])
+        viewpoints.append(seen.world_from_cyclopean[:3, 3])
         fit = seen.tracked or named_at(goal, seen)
         if fit is not None:
             sightings.append(sighted(seen, fit, rig, doubt))
         found = _lies(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
-        if found.sure or len(eyes) == MOST_LOOKS:
+        if found.sure or len(viewpoints) == MOST_LOOKS:
             break
         try:
-            await _go_round(context, world, goal.centre, f"place {goal.place.name}", eyes)
+            await _go_round(context, world, goal.centre, f"place {goal.place.name}", viewpoints)
         except MOVE_ERRORS as error:
             raise_if_closed(error)
             break

@@ -31,9 +31,9 @@ class Beside:
         away = np.linalg.norm(self.middles - spot, axis=1)
         return bool((away > self.radii + radius_mm + BESIDE_MM).all())
 
-    def hides(self, points: Array, eye: Array) -> bool:
-        """Whether any of it may be before one of (N, 3) points, seen from an eye (3,) above them."""
-        rays = eye - points
+    def hides(self, points: Array, viewpoint: Array) -> bool:
+        """Whether any of it may be before one of (N, 3) points, seen from a viewpoint (3,) above them."""
+        rays = viewpoint - points
         share = np.clip((self.tops - points[:, 2:]) / rays[:, 2:], 0.0, 1.0)
         ends = points[:, None, :2] + share[..., None] * rays[:, None, :2]
         return bool((off_segments(self.middles, points[:, None, :2], ends) < self.radii).any())

@@ -98,8 +98,8 @@ class PickContext:
     async def look(
         self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None, back: bool = False
     ) -> Look:
-        """A settled look from where the arm now is, logged; expected: see take_look; back: one eye goes to the left for
-        its second picture rather than to the right."""
+        """A settled look from where the arm now is, logged; expected: see take_look; back: one camera goes to the left
+        for its second picture rather than to the right."""
         settings, cell = self.settings, self.cell
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
         taken = await taken_here(cell, reading, rest_s, settings.settling)
@@ -111,19 +111,19 @@ class PickContext:
         return look
 
     async def _from_beside(self, first: Taken, known: bool, back: bool) -> tuple[float, Taken]:
-        """The second picture of a pair of one eye, from beside the first; since when the arm is at rest, and the pair.
-        Raises RefusedError where the arm cannot go beside."""
+        """The second picture of a pair of one camera, from beside the first; since when the arm is at rest, and the
+        pair. Raises RefusedError where the arm cannot go beside."""
         mover, settings, cell = self.mover, self.settings, self.cell
         if mover.dry:
             raise RefusedError(
                 "with one camera a look needs two places, and nothing moves while `dry` is on: say `dry off` first"
             )
-        world_from_eye = first.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera
-        eye_from_tool, refused = frames.inverse(world_from_eye) @ first.reading.world_from_tool, ""
-        away_mm = moved_pair.distance_mm(world_from_eye, settings.limits.table_z_mm)
-        for place in moved_pair.places_beside(world_from_eye, away_mm, known, back):
+        world_from_camera = first.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera
+        camera_from_tool, refused = frames.inverse(world_from_camera) @ first.reading.world_from_tool, ""
+        away_mm = moved_pair.distance_mm(world_from_camera, settings.limits.table_z_mm)
+        for place in moved_pair.places_beside(world_from_camera, away_mm, known, back):
             try:
-                await mover.travel(place @ eye_from_tool, "beside, for the pair", self._sideways, straight=True)
+                await mover.travel(place @ camera_from_tool, "beside, for the pair", self._sideways, straight=True)
             except MOVE_ERRORS as error:
                 raise_if_closed(error)
                 refused = str(error)
@@ -146,7 +146,7 @@ class PickContext:
             done = await relight(self.cell, seen)
             if done is None:
                 break
-            self.decide(done, "eyes unequal, or too dark or burnt out where the parts are", DecisionCode.RELIT)
+            self.decide(done, "cameras unequal, or too dark or burnt out where the parts are", DecisionCode.RELIT)
             seen = await self.look(seen.reading, purpose, back=k % 2 == 0)
         return seen
 

@@ -30,31 +30,32 @@ DASH_PX = 4.0  # of the image as seen; an edge that does not show is dashed, for
 
 
 def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture:
-    """(H, W, 3) uint8 BGR: left and right eye side by side, a legend above, notes and refusals with reasons below."""
-    eyes = [_enlarged(left), _enlarged(right)]
-    for picture, polygons, eye in zip(
-        eyes, (scene.view.polygons_left, scene.view.polygons_right), ("left", "right"), strict=True
+    """(H, W, 3) uint8 BGR: left and right camera side by side, a legend above, notes and refusals with reasons
+    below."""
+    images = [_enlarged(left), _enlarged(right)]
+    for picture, polygons, camera in zip(
+        images, (scene.view.polygons_left, scene.view.polygons_right), ("left", "right"), strict=True
     ):
         for polygon in polygons:
             _closed(picture, polygon.corners_px, OUTLINE, 1)
         for number, refused in enumerate(scene.rejected, 1):
-            if refused.eye == eye:
+            if refused.camera == camera:
                 _refusal(picture, refused.corners_px, number)
     for index, part in enumerate(scene.parts):
-        _part(eyes, part, _colour(part, index))
+        _part(images, part, _colour(part, index))
     for guess in scene.guesses:
-        _guess(eyes[0], guess.label, guess.left_px, guess.left_shows)
-        _guess(eyes[1], guess.label, guess.right_px, guess.right_shows)
-    return _framed(np.hstack(eyes), scene)
+        _guess(images[0], guess.label, guess.left_px, guess.left_shows)
+        _guess(images[1], guess.label, guess.right_px, guess.right_shows)
+    return _framed(np.hstack(images), scene)
 
 
 def _colour(part: Part, index: int) -> Colour:
     return NAMED[index % len(NAMED)] if part.named else UNNAMED
 
 
-def _part(eyes: list[Picture], part: Part, colour: Colour) -> None:
-    """Facets with type and corner numbers in both eyes; the name above the part."""
-    for picture, corners in zip(eyes, ("left_px", "right_px"), strict=True):
+def _part(images: list[Picture], part: Part, colour: Colour) -> None:
+    """Facets with type and corner numbers in both cameras; the name above the part."""
+    for picture, corners in zip(images, ("left_px", "right_px"), strict=True):
         for facet in part.facets:
             _facet(picture, facet, getattr(facet, corners), colour)
         points = np.concatenate([getattr(f, corners) for f in part.facets])
@@ -123,10 +124,10 @@ def _told_guess(guess: NearestGuess) -> str:
 
 
 def _refusals(scene: Scene) -> list[str]:
-    """One line a reason and eye, with the numbers of the candidates it was given for."""
+    """One line a reason and camera, with the numbers of the candidates it was given for."""
     numbers: dict[str, list[str]] = {}
     for n, refused in enumerate(scene.rejected, 1):
-        numbers.setdefault(f"{refused.eye}: {refused.reason}", []).append(f"x{n}")
+        numbers.setdefault(f"{refused.camera}: {refused.reason}", []).append(f"x{n}")
     return [
         f"{' '.join(some[:MOST_NUMBERS])}{' ...' * (len(some) > MOST_NUMBERS)} {why}" for why, some in numbers.items()
     ]

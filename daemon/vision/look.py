@@ -41,61 +41,60 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, what both eyes outline comes first, with a brief effort; full-size pixels, where a taught part
-    may be there and few edges are; and then straight edges, as the taught parts would show them, as far as the budget
-    of time goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is
-    neither. What is made once a model is on no look's budget.
-    table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
-    Raises VisionError where an image cannot be used.
+    `unknown`. With one, what both cameras outline comes first, with a brief effort; full-size pixels, where a taught
+    part may be there and few edges are; and then straight edges, as the taught parts would show them, as far as the
+    budget of time goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is
+    neither. What is made once a model is on no look's budget. table: where it is, for whoever knows; what lies in it is
+    no part, and a part that lies on it is likelier. Raises VisionError where an image cannot be used.
     """
     now = clock or (lambda: 0.0)
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
-    eyes = open_stereo(left, right, rig)
+    images = open_stereo(left, right, rig)
     if known.labels:
         prepare(known)
     began = now()
-    brief = by_facets = _by_facets(eyes, full.coarse() if known.labels else full, known, table, now)
+    brief = by_facets = _by_facets(images, full.coarse() if known.labels else full, known, table, now)
     naming = brief.seconds
-    if _worth_a_closer_look(brief.found) and eyes.uncluttered(full):
-        closer = _by_facets(eyes, full.fine(), known, table, now)
+    if _worth_a_closer_look(brief.found) and images.uncluttered(full):
+        closer = _by_facets(images, full.fine(), known, table, now)
         by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
     refines = full.corner_detector == "line_fit" and full.stereo_formula == "exact"
     start = now()
-    found = verified = _verified(found, (), (), known, eyes) if refines else found
+    found = verified = _verified(found, (), (), known, images) if refines else found
     seconds["refine"] = now() - start
     guesses, left_out, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), list[Recognised]()
-    complete = bool(known.labels) and all_accounted_for(found, view, known, eyes)
+    complete = bool(known.labels) and all_accounted_for(found, view, known, images)
     if not complete and not (known.labels and any(view.outlines)):
-        view = with_lone_outlines(view, eyes, by_facets.effort)
+        view = with_lone_outlines(view, images, by_facets.effort)
     if known.labels and not complete:
         start = now()
-        found, view = without_overlaps(found, view, (), known, eyes)
-        if not all_accounted_for(found, view, known, eyes) and any(view.outlines):
+        found, view = without_overlaps(found, view, (), known, images)
+        if not all_accounted_for(found, view, known, images) and any(view.outlines):
             straight = named_by_edges(
-                eyes,
+                images,
                 known,
                 found,
                 lambda: (now() - began) / full.budget_s,
                 table,
-                lambda new: all_accounted_for(*without_overlaps(found, view, new, known, eyes), known, eyes),
+                lambda new: all_accounted_for(*without_overlaps(found, view, new, known, images), known, images),
             )
             if not straight.complete:
-                view = with_lone_outlines(view, eyes, by_facets.effort)
-            found, view = without_overlaps(found, view, straight.named, known, eyes)
+                view = with_lone_outlines(view, images, by_facets.effort)
+            found, view = without_overlaps(found, view, straight.named, known, images)
             guesses, left_out = straight.guesses, straight.left_out
             by_edges = straight.named
         seconds["edges"] = now() - start
     start = now()
     parts = tuple(r.part for r in found)
     if refines:
-        refined = _verified(found, verified, by_edges, known, eyes)
+        refined = _verified(found, verified, by_edges, known, images)
         parts = tuple(one.part for one in refined)
     seconds["refine"] += now() - start
-    pictures = eyes.left.grey, eyes.right.grey
+    pictures = images.left.grey, images.right.grey
     if known.labels and not all(part.named for part in parts):
         parts = with_causes(parts, guesses, pictures)
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
@@ -109,14 +108,14 @@ def _verified(
     before: Sequence[Recognised],
     by_edges: Sequence[Recognised],
     known: Model,
-    eyes: StereoImages,
+    images: StereoImages,
 ) -> tuple[Recognised, ...]:
     """What has a name, where its edges have it, as what edges named is already; without its name where too much of what
     it should show is missing. What was verified before stays as it is."""
     new = [one for one in found if one not in before]
-    parts = refined_parts([one.part for one in new], known, eyes, [one.part for one in by_edges])
+    parts = refined_parts([one.part for one in new], known, images, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
-    told = dict(zip(new, verified_names(refined, known, eyes), strict=True))
+    told = dict(zip(new, verified_names(refined, known, images), strict=True))
     return tuple(told.get(one, one) for one in found)
 
 
@@ -130,14 +129,14 @@ class _ByFacets(NamedTuple):
 
 
 def _by_facets(
-    eyes: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
+    images: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _ByFacets:
     """What facets name with some effort. Those with arcs are looked for where nothing is taught, to be taught: what is
     taught with arcs is named by its edges, with or without them."""
-    seen = facets_seen(eyes, effort, [] if known.labels else round_facets(eyes))
+    seen = facets_seen(images, effort, [] if known.labels else round_facets(images))
     start = now()
     view = seen if table is None else without_table(seen, table)
-    holes = partial(hole_nats, eyes=eyes, tolerance_mm=known.parameters.tolerance_mm)
+    holes = partial(hole_nats, images=images, tolerance_mm=known.parameters.tolerance_mm)
     found = recognise(view.groups, known, holes)
     return _ByFacets(found, view, effort, now() - start)
 

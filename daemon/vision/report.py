@@ -60,7 +60,7 @@ def _facet_json(facet: Facet, corners_mm: Array) -> dict[str, Any]:
 
 
 def _rejected_json(rejected: Rejected) -> dict[str, Any]:
-    return {"eye": rejected.eye, "reason": rejected.reason, "corners_px": _numbers(rejected.corners_px, 2)}
+    return {"eye": rejected.camera, "reason": rejected.reason, "corners_px": _numbers(rejected.corners_px, 2)}
 
 
 def _guess_json(guess: NearestGuess) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class Polygon:
 
 @dataclass(frozen=True, eq=False)
 class Facet:
-    """One facet in space, seen by both eyes.
+    """One facet in space, seen by both cameras.
 
     corners_mm (N, 3) in the cyclopean frame; covariance_mm2 (N, 3, 3); left_px, right_px (N, 2) distorted px, corner by
     corner; epipolar_px (N,) distance of each right corner from its epipolar line; planarity_mm rms distance of the
@@ -68,11 +68,11 @@ class Facet:
 
 @dataclass(frozen=True, eq=False)
 class Rejected:
-    """A candidate that was looked at and refused: where in which image, and why in words. unexplained: both eyes
+    """A candidate that was looked at and refused: where in which image, and why in words. unexplained: both cameras
     outline it, so that something is there, and no facet came of it."""
 
     corners_px: Array
-    eye: str
+    camera: str
     reason: str
     unexplained: bool = False
 
@@ -119,7 +119,7 @@ class FacetView:
     @property
     def outlines(self) -> tuple[int, int]:
         """How many outlines the left and the right image show, used or refused."""
-        refused = Counter(r.eye for r in self.rejected)
+        refused = Counter(r.camera for r in self.rejected)
         return len(self.polygons_left) + refused["left"], len(self.polygons_right) + refused["right"]
 
 
@@ -195,9 +195,9 @@ class Part:
 class NearestGuess:
     """What came nearest to a name and did not get it, laid onto both images.
 
-    left_px, right_px: (N, 2, 2) ends of every edge that should show in that eye, distorted px; left_shows, right_shows:
-    (N,) bool, whether the image shows it. print_apart_px: how far from where these edges have it the print on its faces
-    lies apart in the eyes, along epipolar lines; 0 where it agrees, or nobody can tell.
+    left_px, right_px: (N, 2, 2) ends of every edge that should show in that camera, distorted px; left_shows,
+    right_shows: (N,) bool, whether the image shows it. print_apart_px: how far from where these edges have it the print
+    on its faces lies apart in the cameras, along epipolar lines; 0 where it agrees, or nobody can tell.
     """
 
     label: str
@@ -209,7 +209,7 @@ class NearestGuess:
 
     @property
     def share(self) -> float:
-        """How much of its edges, by length over both eyes, shows."""
+        """How much of its edges, by length over both cameras, shows."""
         ends = np.concatenate([self.left_px, self.right_px])
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         shows = np.concatenate([self.left_shows, self.right_shows])

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-EyeName = Literal["left", "right"]
+CameraName = Literal["left", "right"]
 
 
 class CameraError(Exception):
@@ -41,7 +41,7 @@ class StereoPair:
 class StereoCamera(Protocol):
     """A stereo camera. Its calls block: the service runs them in a thread."""
 
-    def use(self, alone: EyeName | None) -> None:
+    def use(self, alone: CameraName | None) -> None:
         """Use one camera, whose frame is then both frames of a pair, or both cameras (None). Raises CameraError where
         there is no such camera."""
 

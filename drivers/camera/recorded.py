@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
+from drivers.camera.pair import CameraError, CameraName, Frame, StereoPair
 from drivers.camera.pixels import Image
 
 
@@ -75,7 +75,7 @@ class RecordedCamera:
         self._next += 1
         return pair
 
-    def use(self, alone: EyeName | None) -> None:
+    def use(self, alone: CameraName | None) -> None:
         """Both cameras only: raises CameraError for one."""
         if alone is not None:
             raise CameraError("recorded pairs are of both cameras")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from drivers.camera.pair import EyeName
+from drivers.camera.pair import CameraName
 from drivers.camera.pixels import FORMATS
 
 Device = Annotated[str, Meta(min_length=1, max_length=4096)]
@@ -52,7 +52,7 @@ class CameraSettings:
             raise ValueError(f"formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}")
 
     @property
-    def devices(self) -> dict[EyeName, Device]:
+    def devices(self) -> dict[CameraName, Device]:
         """The configured devices by camera."""
-        both: dict[EyeName, Device | None] = {"left": self.left, "right": self.right}
+        both: dict[CameraName, Device | None] = {"left": self.left, "right": self.right}
         return {name: device for name, device in both.items() if device is not None}

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.camera import stream
 from drivers.camera.node import LINUX, Linux
-from drivers.camera.pair import CameraError, EyeName, Frame, StereoCamera, StereoPair
+from drivers.camera.pair import CameraError, CameraName, Frame, StereoCamera, StereoPair
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
 from drivers.camera.settings import CameraSettings
@@ -44,7 +44,7 @@ class V4L2StereoCamera:
         self._streams: tuple[CameraStream, ...] = ()
         self._used = settings.devices
 
-    def use(self, alone: EyeName | None) -> None:
+    def use(self, alone: CameraName | None) -> None:
         devices = self._settings.devices
         used = devices if alone is None else {name: device for name, device in devices.items() if name == alone}
         if len(used) < (2 if alone is None else 1):

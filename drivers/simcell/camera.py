@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.arrays import Array
-from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
+from drivers.camera.pair import CameraError, CameraName, Frame, StereoPair
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
 from drivers.simcell.render import PixelRays, RenderedSolid, radiance
@@ -82,7 +82,7 @@ class SimulatedPair:
         self._vignette = _vignette(truth)
         self._covered: set[str] = set()
         self._exposure_factors = dict.fromkeys(SIDES, 1.0)
-        self._alone: EyeName | None = None
+        self._alone: CameraName | None = None
         self._faults: dict[str, CameraFault] = {}
         self._shown: dict[str, NDArray[np.uint8]] = {}
         self._lit: dict[str, Array32] = {}
@@ -133,7 +133,7 @@ class SimulatedPair:
             right = self._frame("right", middle_s + self._skew_s, number)
         return StereoPair(left, right)
 
-    def use(self, alone: EyeName | None) -> None:
+    def use(self, alone: CameraName | None) -> None:
         self._alone = alone
 
     def expose(self, left: float, right: float) -> tuple[float, float]:

@@ -394,5 +394,5 @@ class SimulatedCell:
         teaching = any(part.where is PartPlace.STAND for part in parts)
         fixture = () if teaching else self._fixture  # the cloth lies over it
         state = self.world.changes, carried
-        eyes = self._settings.world_from_cyclopean_at(tool)
-        return SimulatedScene(eyes, (*solids, *boards, *fixture), state, gripper, teaching)
+        cameras = self._settings.world_from_cyclopean_at(tool)
+        return SimulatedScene(cameras, (*solids, *boards, *fixture), state, gripper, teaching)

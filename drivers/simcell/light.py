@@ -98,7 +98,7 @@ class CellLight:
         self._map = self._table_map() if self._map is None else self._map
         turn, viewer = world_from_camera[:3, :3], world_from_camera[:3, 3]
         fall = self._table.height_mm - viewer[2]
-        # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
+        # The table point over each ray is a homography of it: camera + fall * direction / direction_z.
         x, y = rays[..., 0], rays[..., 1]
         down = _linear(turn[2], x, y)
         reach = np.float32(fall) / np.where(down * fall > 0, down, np.float32(np.nan))

@@ -289,14 +289,14 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return structs.replace(self, suction=None, mounted=None)
         new = self.flange_from_lip or self.arm.flange_from_tool
         moved = inverse(rigid_matrix(new)) @ rigid_matrix(self.arm.flange_from_tool)
-        eyes = self.tool_from_cyclopean
+        cameras = self.tool_from_cyclopean
         body = [rod if rod.frame != "tool" else _moved(rod, moved) for rod in self.safety.body]
         return structs.replace(
             self,
             mounted=None,
             arm=structs.replace(self.arm, flange_from_tool=new),
             safety=structs.replace(self.safety, body=body),
-            tool_from_cyclopean=None if eyes is None else (moved @ np.array(eyes)).tolist(),
+            tool_from_cyclopean=None if cameras is None else (moved @ np.array(cameras)).tolist(),
         )
 
     def world_from_cyclopean_at(self, world_from_tool: Array) -> Array:

@@ -119,13 +119,13 @@ def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, li
 
 def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> None:
     """Whether pictures without a model type the arcs that they show well, and their radii as circles in space."""
-    eyes = open_stereo(shown.left, shown.right, shown.rig)
+    cameras = open_stereo(shown.left, shown.right, shown.rig)
     facets = [facet for part in look(shown.left, shown.right, shown.rig).parts for facet in part.facets]
     rims, kinds = rims_of(solid), {kind for kind in solid.types if kind.startswith("arc")}
-    seen = circles_seen(eyes, np.array([rim.radius_mm for rim in rims]))
+    seen = circles_seen(cameras, np.array([rim.radius_mm for rim in rims]))
     for rim in rims:
         centre, normal = frames.apply(true, rim.centre_mm[None])[0], true[:3, :3] @ rim.normal
-        towards = [(eye - centre) / np.linalg.norm(eye - centre) for eye in eyes.geometry.eyes_mm]
+        towards = [(camera - centre) / np.linalg.norm(camera - centre) for camera in cameras.geometry.cameras_mm]
         if min(normal @ way for way in towards) < MET_AT_LEAST:
             continue
         tally.arcs += 1

@@ -48,13 +48,13 @@ class Silent:
 
 def guess(rig: StereoRig, hand_eye: np.ndarray) -> Calibration:
     """What a ruler and a data sheet give."""
-    eyes = []
+    cameras = []
     for side, x in ((rig.left, -29.0), (rig.right, 29.0)):
         pose = side.cyclopean_from_camera.copy()
         pose[:3, 3] = x, 0.0, 0.0
-        eyes.append(Camera(np.array([[715.0, 0, 319.5], [0, 715.0, 239.5], [0, 0, 1]]), np.zeros(5), pose))
+        cameras.append(Camera(np.array([[715.0, 0, 319.5], [0, 715.0, 239.5], [0, 0, 1]]), np.zeros(5), pose))
     off = np.array([3.0, -2.0, 2.0, *np.radians([1.2, -1.2, 1.0])])
-    return Calibration(StereoRig(eyes[0], eyes[1], rig.image_size), frames.perturb(hand_eye, off))
+    return Calibration(StereoRig(cameras[0], cameras[1], rig.image_size), frames.perturb(hand_eye, off))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,10 @@ class Calibrated:
 def truth() -> tuple[StereoRig, np.ndarray]:
     """The cell's hidden rig and hand-eye (4, 4)."""
     told = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
-    eyes = [eye.lens() for eye in (told.left, told.right)]
-    cameras = [Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in eyes]
+    cameras = [camera.lens() for camera in (told.left, told.right)]
+    cameras = [
+        Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in cameras
+    ]
     return StereoRig(cameras[0], cameras[1], (640, 480)), np.array(told.tool_from_cyclopean, float)
 
 
@@ -126,7 +128,7 @@ async def silence(_: str) -> None:
 
 
 def errors(found: Calibration, true_rig: StereoRig, true_hand_eye: np.ndarray) -> dict[str, float]:
-    """Where the calibration puts points AT_MM before the eyes, in the tool frame, against where they are.
+    """Where the calibration puts points AT_MM before the cameras, in the tool frame, against where they are.
 
     The cyclopean frames of both differ by a turn about the baseline, so that only what reaches the tool is compared.
     """

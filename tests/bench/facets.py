@@ -43,14 +43,14 @@ class Tally:
 
 
 def visible_facets(truth: dict[str, Any]) -> list[dict[str, Any]]:
-    """Facets that both eyes can see."""
+    """Facets that both cameras can see."""
     every = [f for o in truth["objects"] for f in o["facets"]]
     return [f for f in every if f["left"]["visible"] and f["right"]["visible"]]
 
 
 def nearest(facet: dict[str, Any], found: list[Facet]) -> tuple[Facet, NDArray[np.intp]] | None:
     """The found facet with the same corners, and the order in which the true ones lie, or None."""
-    left, right = (np.array(facet[eye]["corners_px"]) for eye in ("left", "right"))
+    left, right = (np.array(facet[camera]["corners_px"]) for camera in ("left", "right"))
     best, answer = NEAR_PX, None
     for f in found:
         n = len(left)
@@ -166,10 +166,10 @@ def print_stages() -> None:
     for scene in sorted(rendered.ALL.glob("clean-B-*")):
         pair = rendered.pair(scene)
         t = [time.process_time()]
-        eyes = open_stereo(*pair, rig)
-        outlines = outlines_of(eyes, settings, in_one=True)
+        cameras = open_stereo(*pair, rig)
+        outlines = outlines_of(cameras, settings, in_one=True)
         t.append(time.process_time())
-        candidates = find_candidates(outlines, eyes, settings)
+        candidates = find_candidates(outlines, cameras, settings)
         t.append(time.process_time())
         choose(candidates, settings)
         t.append(time.process_time())

@@ -39,7 +39,7 @@ from tests.fakes import rendered
 SCENE = "clean-B-003"
 SECONDS = 8.0
 LATE_S = 0.003
-"""How much later the right eye's frames come."""
+"""How much later the right camera's frames come."""
 CAPABLE = v4l2.CAP_DEVICE_CAPS | v4l2.CAP_CAPTURE | v4l2.CAP_STREAMING
 Image = NDArray[np.uint8]
 
@@ -141,10 +141,10 @@ class LiveSystem:
 def live(code: str, fps: float, scene: str = SCENE) -> V4L2StereoCamera:
     """The driver on two such cameras; every buffer has noise of its own."""
     random, cameras, first_s = np.random.default_rng(1), {}, time.monotonic() + 0.3
-    for k, (eye, grey) in enumerate(zip(("left", "right"), rendered.pair(rendered.HERE / scene), strict=True)):
+    for k, (camera, grey) in enumerate(zip(("left", "right"), rendered.pair(rendered.HERE / scene), strict=True)):
         noisy = [np.clip(grey + random.normal(0, 1, grey.shape), 0, 255).astype(np.uint8) for _ in range(4)]
         frames = [packed(code, image) for image in noisy]
-        cameras[f"/dev/video{k}"] = LiveCamera(eye, code, frames, first_s + k * LATE_S, fps)
+        cameras[f"/dev/video{k}"] = LiveCamera(camera, code, frames, first_s + k * LATE_S, fps)
     settings = CameraSettings("/dev/video0", "/dev/video1", fps=fps, formats=(code,))
     return V4L2StereoCamera(settings, time.monotonic, LiveSystem(cameras))
 
@@ -180,11 +180,11 @@ class StillRobot:
 async def looks(scene: str, fps: float, count: int) -> str:
     """take_look, whole: two pairs that agree, the images' health, facets, recognition without a model."""
     rig = rendered.rig(rendered.HERE, "B")
-    eyes = ThreadedCameras(live("YUYV", fps, scene))
-    cell = Workcell(StillRobot(), eyes, None, time.monotonic, rig, np.eye(4), asyncio.to_thread)  # type: ignore[arg-type]
+    cameras = ThreadedCameras(live("YUYV", fps, scene))
+    cell = Workcell(StillRobot(), cameras, None, time.monotonic, rig, np.eye(4), asyncio.to_thread)  # type: ignore[arg-type]
     sight = ModelRecogniser(empty_model(load_facets()), rig, VisionSettings())
-    await eyes.open()
-    await eyes.grab(time.monotonic(), 5.0)
+    await cameras.open()
+    await cameras.grab(time.monotonic(), 5.0)
     seen, cpu_s = [], time.process_time()
     for _ in range(count):
         reading = await cell.robot.where()
@@ -192,7 +192,7 @@ async def looks(scene: str, fps: float, count: int) -> str:
         taken = await taken_here(cell, reading, rest_s, Settling())
         seen.append(await take_look(cell, sight, taken, rest_s, None))
     cpu_ms = 1000.0 * (time.process_time() - cpu_s) / count
-    await eyes.close()
+    await cameras.close()
     light, rest, vision = (
         np.array([1000.0 * get(look) for look in seen])
         for get in (lambda s: s.from_light_s, lambda s: s.seconds, lambda s: sum(s.scene.seconds.values()))

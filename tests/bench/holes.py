@@ -123,7 +123,7 @@ def looks(seeds: range) -> Iterator[Look]:
             print(f"  {kind} {seed}", file=sys.stderr, flush=True)
 
 
-def eyes_of(one: Look) -> StereoImages:
+def cameras_of(one: Look) -> StereoImages:
     return open_stereo(one.photo.left, one.photo.right, _rig())
 
 
@@ -151,7 +151,7 @@ def named(one: Look, mode: str) -> tuple[str, str]:
     if any(part.recognition.label != label for part in found):
         return "WRONG", found[0].recognition.reason
     drawn = one.pair[one.lies].drawing.solid
-    shown = hole_nats(drawn, one.pose, eyes_of(one)) > 0
+    shown = hole_nats(drawn, one.pose, cameras_of(one)) > 0
     turned = shown and hole_off_mm(found[0], [h.ring_mm for h in model.metric[label].solid.holes], one) > OFF_MM
     return ("turned" if turned else "right"), found[0].recognition.reason
 
@@ -166,7 +166,7 @@ def hole_off_mm(found: Part, rims_mm: list[Array], one: Look) -> float:
 def holes_seen(one: Look) -> Iterator[Seen]:
     """The holes of the part that lies there, and those of the other part in its place, and of either in other turns, as
     far as these lie where none is."""
-    eyes, own = eyes_of(one), one.pair[one.lies].drawing.solid
+    cameras, own = cameras_of(one), one.pair[one.lies].drawing.solid
     true = [frames.apply(one.pose, hole.ring_mm) for hole in own.holes]
     for k, part in enumerate(one.pair):
         solid = part.drawing.solid
@@ -177,7 +177,7 @@ def holes_seen(one: Look) -> Iterator[Seen]:
             for hole in solid.holes:
                 ring = frames.apply(pose, hole.ring_mm)
                 if there or not any(_overlap(ring, other) for other in true):
-                    for both in rims_seen(replace(solid, holes=(hole,)), pose, eyes, TOLERANCE_MM):
+                    for both in rims_seen(replace(solid, holes=(hole,)), pose, cameras, TOLERANCE_MM):
                         yield Seen(there, one.kind, both)
 
 

@@ -50,7 +50,7 @@ def scenes() -> Iterator[tuple[str, Image, Image]]:
 
 
 def alarms() -> None:
-    """False alarms, faults found, swapped eyes told, and blur measured against what was planted."""
+    """False alarms, faults found, swapped cameras told, and blur measured against what was planted."""
     rigs = {name: rendered.rig(rendered.ALL, name) for name in ("A0", "B")}
     false, found, told, seconds, blurs, count = Counter(), Counter(), Counter(), 0.0, [], 0
     for rig, left, right in scenes():

@@ -28,9 +28,9 @@ def errors(seed: int) -> list[tuple[Array, Array]]:
     """(N, 2) px how far both ends of each edge are off, and (N, 2, 2) px^2 what its fit says, of each camera."""
     found = []
     for one in looked(seed, made_mm=0.0):
-        eyes = open_stereo(one.photo.left, one.photo.right, true_rig(cell()))
-        edges = expected(SolidBatch.of([one.solid]), eyes, one.true[None], np.ones(1, bool), TOLERANCE_MM)
-        for seen in measured(edges, eyes):
+        cameras = open_stereo(one.photo.left, one.photo.right, true_rig(cell()))
+        edges = expected(SolidBatch.of([one.solid]), cameras, one.true[None], np.ones(1, bool), TOLERANCE_MM)
+        for seen in measured(edges, cameras):
             if seen.sides is not None:
                 use = seen.there & seen.edges.sharp
                 said = (seen.line_doubt - MODEL_PX**2 * np.eye(2)) / LINE_SIGMAS**2

@@ -56,7 +56,7 @@ LARGE, ROUND_PX = 4, 60
 class Answer(NamedTuple):
     """What became of one look: the pair, which of it lies there (0, 1), both pictures, the mode; the name given, if
     any, how sure and why; whether it is right, and how far its corners are off, mm; by how many mm of
-    edge, of both eyes, the two differ there."""
+    edge, of both cameras, the two differ there."""
 
     pair: Alike
     lies: int
@@ -146,8 +146,8 @@ def answers(family: str, seed: int, modes: Sequence[str] = MODES, one_camera: bo
 
 
 def shown(family: str, seed: int, one_camera: bool = False) -> tuple[Alike, int, Photograph]:
-    """The pair, which of it lies on the table, and what both eyes see; one_camera: a view of which one camera alone has
-    a second facet. Raises LookupError where there is none."""
+    """The pair, which of it lies on the table, and what both cameras see; one_camera: a view of which one camera alone
+    has a second facet. Raises LookupError where there is none."""
     pair = alike(family, seed)
     rng = np.random.default_rng([*family.encode(), seed, 1])
     lies = int(rng.integers(2))
@@ -223,9 +223,9 @@ def _drawn(folder: Path, a: Answer) -> None:
     solid = _model(a.pair, a.lies, a.mode).metric[part.recognition.label].solid
     corners = frames.apply(part.cyclopean_from_part, solid.corners_mm)
     both = []
-    for image, eye in ((photo.left, rig.left), (photo.right, rig.right)):
+    for image, camera in ((photo.left, rig.left), (photo.right, rig.right)):
         large = cv2.cvtColor(cv2.resize(image, None, fx=LARGE, fy=LARGE), cv2.COLOR_GRAY2BGR)
-        px = np.rint((eye.project(corners) + 0.5) * LARGE - 0.5).astype(int)
+        px = np.rint((camera.project(corners) + 0.5) * LARGE - 0.5).astype(int)
         for start, end in solid.edges:
             cv2.line(large, px[start].tolist(), px[end].tolist(), (0, 0, 255), 1, cv2.LINE_AA)
         low, high = np.maximum(px.min(0) - ROUND_PX, 0), px.max(0) + ROUND_PX

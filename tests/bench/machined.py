@@ -132,7 +132,7 @@ def in_folder(folder: Path) -> Iterator[Look]:
     rig = rendered.rig(rendered.HERE, "B")
     for path in sorted(folder.glob("*/truth.json")):
         told = json.loads(path.read_text())
-        left, right = (read_as_stored(path.with_name(f"{eye}.png")) for eye in ("left", "right"))
+        left, right = (read_as_stored(path.with_name(f"{camera}.png")) for camera in ("left", "right"))
         yield Look(told["label"], np.array(told["cyclopean_from_part"]), left, right, rig, "plain")
 
 
@@ -145,8 +145,8 @@ def named(one: Look) -> tuple[str, float]:
     if any(part.recognition.label != one.label for part in found):
         return "WRONG", 0.0
     solid, true = taught().metric[one.label].solid, one.pose @ drawing_from_part(one.label)
-    eyes, pose = open_stereo(one.left, one.right, one.rig), found[0].cyclopean_from_part
-    unseen = hole_nats(solid, pose, eyes) > hole_nats(solid, true, eyes) - NATS
+    cameras, pose = open_stereo(one.left, one.right, one.rig), found[0].cyclopean_from_part
+    unseen = hole_nats(solid, pose, cameras) > hole_nats(solid, true, cameras) - NATS
     turns = turns_but_for_holes(solid) if unseen else np.eye(4)[None]
     corners = frames.apply(pose, solid.corners_mm)
     ways = (frames.apply(true @ turn @ own, solid.corners_mm) for turn in turns for own in _own_turns(one.label))

@@ -46,7 +46,7 @@ TOLD_S = 20.0
 """So often is told how a row stands."""
 DISTANCE_MM, ELEVATION_DEG = (300.0, 400.0), (30.0, 70.0)
 FACETS, FACING = 3, 0.25
-"""How many facets the eyes have whole before them in each picture, turned to them by what cosine."""
+"""How many facets the cameras have whole before them in each picture, turned to them by what cosine."""
 SEED = 5
 NEAR_MM = 25.0
 BINS = (0.0, 0.9, 0.99, 0.999, 1.0 + 1e-9)
@@ -105,7 +105,7 @@ def _cycled(parts: list[DrawnPart] | tuple[DrawnPart, ...], number: int) -> list
 
 
 def photographed(parts: list[DrawnPart], truth: Truth) -> Iterator[tuple[DrawnPart, StereoPair, Array]]:
-    """Each part alone on the table, on any of its rests, three facets whole before the eyes; and where it
+    """Each part alone on the table, on any of its rests, three facets whole before the cameras; and where it
     is, cyclopean_from_part (4, 4) mm."""
     rng = np.random.default_rng(SEED)
     stage: list[SimulatedScene] = []
@@ -118,12 +118,12 @@ def photographed(parts: list[DrawnPart], truth: Truth) -> Iterator[tuple[DrawnPa
             rest = part.shape.rests[int(rng.integers(len(part.shape.rests)))]
             lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
             middle = np.array([*spot[:2], lies[2, 3]])
-            eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
-            if len(visible_facets(drawn, -lies[:3, :3].T @ eyes[:3, 2], FACING)) >= FACETS:
+            cameras = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
+            if len(visible_facets(drawn, -lies[:3, :3].T @ cameras[:3, 2], FACING)) >= FACETS:
                 break
         things = tuple(RenderedSolid(piece, lies, truth.lighting.facet_albedo) for piece in part.shape.pieces)
-        stage[:] = [SimulatedScene(eyes, things, number)]
-        yield part, cameras.grab(0.0, 2.0), inverse(eyes) @ lies
+        stage[:] = [SimulatedScene(cameras, things, number)]
+        yield part, cameras.grab(0.0, 2.0), inverse(cameras) @ lies
 
 
 def answer(model: Model, rig: StereoRig, part: DrawnPart, pair: StereoPair, where: Array) -> Answer:

@@ -133,14 +133,14 @@ def families(seeds: range) -> Iterator[Seen]:
         pair, lies, photo = shown(family, seed)
         if telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part) < TELLS_MM:
             continue
-        eyes = open_stereo(photo.left, photo.right, rig)
+        cameras = open_stereo(photo.left, photo.right, rig)
         for mode in ("alone", "stranger"):
             model = _model(pair, lies, mode)
             scene = _unchecked((photo.left, photo.right), rig, model)
             right = _judged(pair, lies, mode, photo, scene, TELLS_MM, 0.0).right
             if right or mode == "stranger":
                 named = [part for part in scene.parts if part.named]
-                yield from (_measured(("look-alikes", family, str(seed), right), one, model, eyes) for one in named)
+                yield from (_measured(("look-alikes", family, str(seed), right), one, model, cameras) for one in named)
         if time.monotonic() - last > TOLD_S:
             last = time.monotonic()
             print(f"  {family} {seed}", file=sys.stderr, flush=True)
@@ -152,9 +152,9 @@ def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene
         return look(*pair, rig, model)
 
 
-def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: StereoImages) -> Seen:
+def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, cameras: StereoImages) -> Seen:
     solid = model.metric[part.recognition.label].solid
-    return Seen(*who, counter_evidence.speaks_against(solid, part.cyclopean_from_part, eyes))
+    return Seen(*who, counter_evidence.speaks_against(solid, part.cyclopean_from_part, cameras))
 
 
 def write(seen: list[Seen]) -> None:

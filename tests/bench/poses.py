@@ -4,10 +4,10 @@ usage: python -m tests.bench.poses
 
 Rendered parts: the shared scenes, and look-alike families' even seeds and odd ones, which are held out.
 Real pairs: the folder named by FACETD_SHARED (default ../shared), real/cube-* in it, and pairs made of any two frames
-of these that sit as eyes may; the cube is taught from its drawing. Where it is, is known to TRUE_MM and TRUE_DEG, which
-is added to what a look says. A pose of six numbers is within its 95 % where its chi-square is below 12.6: so should 95
-of 100 be, and half of them below 5.3; beyond three sigmas (20.1) one of 370. By these figures STRETCH_PX of the pose by
-edges was set, and how far other poses that fit nearly as well widen it.
+of these that sit as cameras may; the cube is taught from its drawing. Where it is, is known to TRUE_MM and TRUE_DEG,
+which is added to what a look says. A pose of six numbers is within its 95 % where its chi-square is below 12.6: so
+should 95 of 100 be, and half of them below 5.3; beyond three sigmas (20.1) one of 370. By these figures STRETCH_PX of
+the pose by edges was set, and how far other poses that fit nearly as well widen it.
 """
 
 from __future__ import annotations
@@ -114,9 +114,9 @@ def _frames() -> Iterator[Frame]:
             continue
         rig = load_calibration(folder / "calibration.yaml").rig
         cyclopean_from_cube = np.array(json.loads((folder / "truth.json").read_text())["cyclopean_from_part"])
-        for camera, eye in ((rig.left, "left"), (rig.right, "right")):
+        for camera, camera in ((rig.left, "left"), (rig.right, "right")):
             there = frames.inverse(camera.cyclopean_from_camera) @ cyclopean_from_cube
-            yield Frame(folder.name, read_grey(folder / f"{eye}.png"), camera, there)
+            yield Frame(folder.name, read_grey(folder / f"{camera}.png"), camera, there)
 
 
 def _any_two(taken: list[Frame]) -> Iterator[tuple[Frame, Frame]]:
@@ -144,8 +144,8 @@ def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[Measured | None, f
         beside = _motion(one, other)[0] > 0
         left, right = (one, other) if beside else (other, one)
         size = (left.image.shape[1], left.image.shape[0])
-        eyes = frames.inverse(left.camera_from_cube), frames.inverse(right.camera_from_cube)
-        rig, cube_from_cyclopean = moved_rig(replace(left.camera, cyclopean_from_camera=np.eye(4)), size, eyes)
+        cameras = frames.inverse(left.camera_from_cube), frames.inverse(right.camera_from_cube)
+        rig, cube_from_cyclopean = moved_rig(replace(left.camera, cyclopean_from_camera=np.eye(4)), size, cameras)
         model = learn_solid(empty_model(load_facets()), drawn, LABEL)
         parts, ms = _named(left.image, right.image, rig, model)
         true = _of_cube(frames.inverse(cube_from_cyclopean), model.metric[LABEL].solid, parts[0]) if parts else None

@@ -135,7 +135,7 @@ def _steepest(
 
 
 def _is_pair(left: Array, right: Array) -> bool:
-    """Whether eyes that see one part so sit as those of a rig may: the second to the right of the first."""
+    """Whether cameras that see one part so sit as those of a rig may: the second to the right of the first."""
     motion = frames.difference(frames.inverse(right @ frames.inverse(left)), np.eye(4))
     apart_mm, turned = frames.size(motion)
     beside = motion[0] > 0 and abs(motion[2]) < AHEAD * apart_mm
@@ -165,7 +165,7 @@ def _looked(
 
 
 def _steady(images: list[Image], poses: list[Array], pairs: list[tuple[int, int]], solid: Polyhedron) -> None:
-    """How far corners move from frame to frame of a cube at rest, which the other eye sees in one frame."""
+    """How far corners move from frame to frame of a cube at rest, which the other camera sees in one frame."""
     middle = RESTS[len(RESTS) // 2]
     pair = max((pair for pair in pairs if middle in pair), key=lambda pair: abs(pair[1] - pair[0]))
     there = poses[pair[0]], poses[pair[1]]

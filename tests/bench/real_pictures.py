@@ -58,14 +58,14 @@ def _pictures() -> Iterator[Pictures]:
             print(f"chessboards, aloe: {root}")
         else:
             yield from _chessboards(root / SAMPLES)
-            left, right = (read_grey(root / SAMPLES / f"aloe{eye}.jpg") for eye in "LR")
+            left, right = (read_grey(root / SAMPLES / f"aloe{camera}.jpg") for camera in "LR")
             # Middlebury 2006: f, baseline and how far the right picture was cropped; its centre is taken for the middle
             yield "aloe", left, right, _rectified(left, 3740.0, (640.5, 554.5), 270.0, 160.0)
         root = python_package("scikit-image", Path(wheel))
         if isinstance(root, str):
             print(f"motorcycle: {root}")
         else:
-            left, right = (read_grey(root / f"skimage/data/motorcycle_{eye}.png") for eye in ("left", "right"))
+            left, right = (read_grey(root / f"skimage/data/motorcycle_{camera}.png") for camera in ("left", "right"))
             # Middlebury 2014 at a quarter of its size, from the documentation of skimage.data.stereo_motorcycle
             yield "motorcycle", left, right, _rectified(left, 994.978, (311.193, 254.877), 31.086, 193.001)
 
@@ -85,14 +85,14 @@ def _chessboards(folder: Path) -> Iterator[Pictures]:
 def _rectified(
     image: Image, focal_px: float, centre_px: tuple[float, float], apart_px: float, baseline_mm: float
 ) -> StereoRig:
-    """Eyes side by side that look straight ahead; apart_px: how much further right the right one's centre lies."""
-    eyes = []
+    """Cameras side by side that look straight ahead; apart_px: how much further right the right one's centre lies."""
+    cameras = []
     for side, shift in ((-0.5, 0.0), (0.5, apart_px)):
         matrix = np.array([[focal_px, 0, centre_px[0] + shift], [0, focal_px, centre_px[1]], [0, 0, 1]])
         sits = np.eye(4)
         sits[0, 3] = side * baseline_mm
-        eyes.append(Camera(matrix, np.zeros(5), sits))
-    return StereoRig(eyes[0], eyes[1], (image.shape[1], image.shape[0]))
+        cameras.append(Camera(matrix, np.zeros(5), sits))
+    return StereoRig(cameras[0], cameras[1], (image.shape[1], image.shape[0]))
 
 
 if __name__ == "__main__":

@@ -62,10 +62,10 @@ def looks() -> Iterator[Look]:
         pair = rounded_pair(radius, seed)
         for lies, part in enumerate(pair):
             shown = photograph(part.shape, np.random.default_rng([seed, lies]), distance_mm=distance)
-            eyes = open_stereo(shown.left, shown.right, rig)
-            facets_seen(eyes, VisionSettings().coarse())  # which measures the blur of edges
+            cameras = open_stereo(shown.left, shown.right, rig)
+            facets_seen(cameras, VisionSettings().coarse())  # which measures the blur of edges
             pose = shown.cyclopean_from_part @ _part_from_solid(part)
-            seen = borders_seen(part.drawing.solid, pair[1 - lies].drawing.solid, np.eye(4), pose, eyes)
+            seen = borders_seen(part.drawing.solid, pair[1 - lies].drawing.solid, np.eye(4), pose, cameras)
             yield Look((f"{radius:g}", str(seed), f"{distance[0]:g}", str(lies)), seen)
 
 

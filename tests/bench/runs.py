@@ -23,7 +23,7 @@ def record_s(folder: Path, disk_busy: bool) -> np.ndarray:
     """(LOOKS,) s that `record` kept its caller, for looks with two noisy pictures (the hardest to pack), at the pace of
     a fast cell. disk_busy: while somebody else writes and syncs on the same disk without pause."""
     rng = np.random.default_rng(0)
-    pair = {eye: rng.normal(120, 2, (480, 640)).astype(np.uint8) for eye in ("left", "right")}
+    pair = {camera: rng.normal(120, 2, (480, 640)).astype(np.uint8) for camera in ("left", "right")}
     scene = {"ms": 12.0, "parts": [part("cube")], "rejected": [], "notes": []}
     over = threading.Event()
     hog = threading.Thread(target=_keep_busy, args=(folder / "hog", over))

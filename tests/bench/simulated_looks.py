@@ -59,17 +59,17 @@ def ring_error(found: Array, wanted: Array) -> float:
 
 
 def facets_in_sight(truth: Truth, world: World, world_from_cyclopean: Array) -> list[Array]:
-    """(N, 3) corners in the cyclopean frame of each facet that both eyes see whole."""
+    """(N, 3) corners in the cyclopean frame of each facet that both cameras see whole."""
     part = world.parts[0]
     cyclopean_from_part = inverse(world_from_cyclopean) @ part.pose
     corners = apply(cyclopean_from_part, part.shape.hull.vertices)
     rings = []
     for face, normal in zip(part.shape.hull.faces, part.shape.hull.normals, strict=True):
         ring, seen = corners[list(face)], True
-        for eye in (truth.left.lens(), truth.right.lens()):
-            to_eye = eye.cyclopean_from_camera[:3, 3] - ring.mean(axis=0)
-            facing = (cyclopean_from_part[:3, :3] @ normal) @ to_eye / np.linalg.norm(to_eye)
-            pixels, size = eye.project(ring), np.array(truth.image_size)
+        for camera in (truth.left.lens(), truth.right.lens()):
+            to_camera = camera.cyclopean_from_camera[:3, 3] - ring.mean(axis=0)
+            facing = (cyclopean_from_part[:3, :3] @ normal) @ to_camera / np.linalg.norm(to_camera)
+            pixels, size = camera.project(ring), np.array(truth.image_size)
             inside = np.all(pixels > MARGIN_PX) and np.all(pixels < size - MARGIN_PX)
             seen = seen and bool(facing > LEAST_FACING) and bool(inside)
         if seen:
@@ -78,8 +78,8 @@ def facets_in_sight(truth: Truth, world: World, world_from_cyclopean: Array) -> 
 
 
 def true_rig(truth: Truth) -> StereoRig:
-    eyes = [truth.left.lens(), truth.right.lens()]
-    left, right = (Camera(eye.matrix, eye.distortion, eye.cyclopean_from_camera) for eye in eyes)
+    cameras = [truth.left.lens(), truth.right.lens()]
+    left, right = (Camera(camera.matrix, camera.distortion, camera.cyclopean_from_camera) for camera in cameras)
     return StereoRig(left, right, (truth.image_size[0], truth.image_size[1]))
 
 

@@ -30,7 +30,7 @@ def session(here, believed):
     return CalibrationSession(here.cycle.supervisor, here.cycle.set_out, here.cycle.settings.settling, BOARD, believed)
 
 
-def test_a_board_passes_the_true_calibration_and_fails_it_once_an_eye_was_knocked():
+def test_a_board_passes_the_true_calibration_and_fails_it_once_a_camera_was_knocked():
     async def story():
         believed = simulated_cell.true_calibration()
         async with rig(seed=11, believed=believed, time_scale=40.0) as here:
@@ -110,7 +110,7 @@ def test_a_cell_with_one_camera_is_calibrated_by_a_tour_and_verified_from_new_po
     assert result.rms_px < 0.2
     assert abs(after.rig.left.matrix[0, 0] - truth.rig.left.matrix[0, 0]) < 4 * result.focal_sigma_px + 0.3
     assert verified.passed, verified.failures
-    eye = after.tool_from_cyclopean @ after.rig.left.cyclopean_from_camera
-    off = frames.difference(eye, truth.tool_from_cyclopean @ truth.rig.left.cyclopean_from_camera)
+    camera = after.tool_from_cyclopean @ after.rig.left.cyclopean_from_camera
+    off = frames.difference(camera, truth.tool_from_cyclopean @ truth.rig.left.cyclopean_from_camera)
     assert np.linalg.norm(off[:3]) < 4 * hand_eye.sigma_mm
     assert np.degrees(np.linalg.norm(off[3:])) < 4 * hand_eye.sigma_deg

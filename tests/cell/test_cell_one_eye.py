@@ -1,4 +1,4 @@
-"""A cell with one eye, from teaching to the bin; and one whose other eye fails in mid-auto."""
+"""A cell with one camera, from teaching to the bin; and one whose other camera fails in mid-auto."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run(story: Any) -> Any:
         return runner.run(story)
 
 
-def test_what_one_eye_was_taught_it_brings_to_the_bin_and_the_grasp_is_where_it_was_said_to_be() -> None:
+def test_what_one_camera_was_taught_it_brings_to_the_bin_and_the_grasp_is_where_it_was_said_to_be() -> None:
     async def story() -> Any:
         async with cell_in_time(31, alone="left") as here:
             await simulated_cell.taught(here)
@@ -36,7 +36,7 @@ def test_what_one_eye_was_taught_it_brings_to_the_bin_and_the_grasp_is_where_it_
     assert all(look["moved"]["eye"] == "left" for look in looks)
 
 
-def test_an_eye_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clears_the_table(model: Any) -> None:
+def test_a_camera_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clears_the_table(model: Any) -> None:
     async def story() -> Any:
         async with cell_in_time(32, model) as here:
             here.cell.scatter(["cube", "pentagonal_prism"], np.random.default_rng(2))

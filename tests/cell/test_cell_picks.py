@@ -50,7 +50,7 @@ def test_a_grasp_is_where_it_was_said_to_be(model, label):
     assert error_deg < 3 * max(end.predicted_deg, 0.3)
 
 
-def test_eyes_of_unequal_exposure_in_poor_light_are_set_before_the_pick_and_the_part_is_picked(model, tmp_path):
+def test_cameras_of_unequal_exposure_in_poor_light_are_set_before_the_pick_and_the_part_is_picked(model, tmp_path):
     truth = yaml.safe_load((folders.HOUSE / "etc" / "simcell.yaml").read_text())
     truth["sensor"] |= {"gain_left": 0.3, "gain_right": 0.15}
     (tmp_path / "dim.yaml").write_text(yaml.safe_dump(truth))

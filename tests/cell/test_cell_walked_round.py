@@ -119,7 +119,7 @@ def test_an_empty_table_is_told_after_the_survey_views(tmp_path: Path) -> None:
     run(story())
 
 
-def test_one_eye_walks_round_as_well(tmp_path: Path) -> None:
+def test_one_camera_walks_round_as_well(tmp_path: Path) -> None:
     async def story() -> Any:
         async with drawn_cell(7, tmp_path, alone="left") as here:
             lay(here, "brick", 0, 0.4)

@@ -19,7 +19,8 @@ Flags = NDArray[np.bool_]
 STEP_MM, COARSE = 2.0, 4
 FINE_MM = STEP_MM / COARSE
 TELLS_MM = 16.0
-"""So much edge at least, of both eyes, shows in one of the two and not in the other, where they can be told apart."""
+"""So much edge at least, of both cameras, shows in one of the two and not in the other, where they can be told
+apart."""
 APART_PX = 1.5
 """Edges nearer than this count as the same edge."""
 FIT_MM = 6.0
@@ -34,16 +35,16 @@ SKIN_MM = 0.3
 
 def telling_mm(shape: PartShape, other: PartShape, cyclopean_from_part: Array) -> float:
     """The length of edges, mm in both images, by which a part differs from the other in its most similar pose."""
-    eyes = [cell().left.lens(), cell().right.lens()]
+    cameras = [cell().left.lens(), cell().right.lens()]
     coarse, fine = (
-        [_seen(shape, _edge_points(shape, step_mm), cyclopean_from_part, eye) for eye in eyes]
+        [_seen(shape, _edge_points(shape, step_mm), cyclopean_from_part, camera) for camera in cameras]
         for step_mm in (STEP_MM, FINE_MM)
     )
     best, theirs_mm = np.inf, _edge_points(other, FINE_MM)
     for pose in _laid(shape, other, cyclopean_from_part)[:MOST]:
         differs = 0.0
-        for eye, mine, mine_fine in zip(eyes, coarse, fine, strict=True):
-            theirs = _seen(other, theirs_mm, pose, eye)
+        for camera, mine, mine_fine in zip(cameras, coarse, fine, strict=True):
+            theirs = _seen(other, theirs_mm, pose, camera)
             differs += STEP_MM * (_alone(mine, theirs) + _alone(theirs[::COARSE], mine_fine))
             if differs >= best:
                 break
@@ -59,16 +60,16 @@ def _alone(points: Array, others: Array) -> int:
     return int((away.min(1) > APART_PX**2).sum())
 
 
-def _seen(shape: PartShape, on_edges: Array, pose: Array, eye: LensCamera) -> Array:
+def _seen(shape: PartShape, on_edges: Array, pose: Array, camera: LensCamera) -> Array:
     """(N, 2) px: the points (K, 3) of the part's edges that the camera sees."""
     points = apply(pose, on_edges)
-    centre = eye.cyclopean_from_camera[:3, 3]
+    centre = camera.cyclopean_from_camera[:3, 3]
     way = centre - points
     start = points + SKIN_MM * way / np.linalg.norm(way, axis=1, keepdims=True)
     free = np.ones(len(points), bool)
     for piece in shape.pieces:
         free &= ~hides(piece, pose, start, centre)
-    return eye.project(points[free])
+    return camera.project(points[free])
 
 
 def _edge_points(shape: PartShape, step_mm: float) -> Array:

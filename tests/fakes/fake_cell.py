@@ -47,8 +47,8 @@ TABLE_MM = np.array([520.0, 0.0, -300.0])
 def rig() -> StereoRig:
     """640x480, f 700 px, baseline 60 mm, parallel."""
     matrix = np.array([[700.0, 0, 319.5], [0, 700.0, 239.5], [0, 0, 1]])
-    eyes = [Camera(matrix, np.zeros(5), frames.rigid(np.eye(3), np.array([x, 0.0, 0.0]))) for x in (-30.0, 30.0)]
-    return StereoRig(eyes[0], eyes[1], (640, 480))
+    cameras = [Camera(matrix, np.zeros(5), frames.rigid(np.eye(3), np.array([x, 0.0, 0.0]))) for x in (-30.0, 30.0)]
+    return StereoRig(cameras[0], cameras[1], (640, 480))
 
 
 def shape_of(label: str) -> Polyhedron:
@@ -232,7 +232,7 @@ class FakeRobot:
         return joints
 
 
-class FakeEyes:
+class FakeCameras:
     """Cameras that return grey pairs with different noise: always settled, and without an edge."""
 
     def __init__(self, world: World) -> None:
@@ -243,7 +243,7 @@ class FakeEyes:
         self.world.before("grab")
         self.world.now_s = max(self.world.now_s, not_before_s) + 0.03
         self.grabs += 1
-        images = [NOISE[(2 * self.grabs + eye) % len(NOISE)] for eye in (0, 1)]
+        images = [NOISE[(2 * self.grabs + camera) % len(NOISE)] for camera in (0, 1)]
         if self.shaking > 0:
             self.shaking -= 1
             images = [image.copy() for image in images]
@@ -283,8 +283,8 @@ class TruthRecogniser:
     def see(self, left, right, table=None, rig=None) -> Scene:
         world = self.world
         world.before("see")
-        eyes = world.at @ world.tool_from_cyclopean if world.fixed is None else world.fixed
-        cyclopean_from_world = frames.inverse(eyes)
+        cameras = world.at @ world.tool_from_cyclopean if world.fixed is None else world.fixed
+        cyclopean_from_world = frames.inverse(cameras)
         seen = [self._part(label, cyclopean_from_world @ pose) for label, pose in world.lying.items()]
         visible = tuple(p for p in seen if p is not None)
         return Scene(visible, (), FacetView((), (), (), (), 2.0))
@@ -315,7 +315,7 @@ class TruthRecogniser:
         sigmas = np.column_stack([z, z, z * corners[:, 2] / 60.0 * 1.4])
         noisy = corners + self.world.rng.normal(0, 1, corners.shape) * sigmas
         covariance = np.array([np.diag(s**2) for s in sigmas])
-        left, right = (eye.project(noisy) for eye in (rig().left, rig().right))
+        left, right = (camera.project(noisy) for camera in (rig().left, rig().right))
         return Facet(noisy, covariance, left, right, np.full(len(corners), self.world.epipolar), 0.1)
 
 
@@ -342,8 +342,11 @@ set_down.in_hand = truly_in_hand
 
 def build(world: World) -> Workcell:
     """The Workcell of this world."""
-    eyes, mounting = FakeEyes(world), ON_HAND if world.fixed is None else InWorld(world.fixed, HEAD_DOWN, TABLE_MM)
-    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), mounting, asyncio.to_thread)
+    cameras, mounting = (
+        FakeCameras(world),
+        ON_HAND if world.fixed is None else InWorld(world.fixed, HEAD_DOWN, TABLE_MM),
+    )
+    return Workcell(FakeRobot(world), cameras, world, world.clock, rig(), mounting, asyncio.to_thread)
 
 
 def permitted(mover: Mover) -> Mover:

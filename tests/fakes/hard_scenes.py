@@ -58,7 +58,7 @@ CUT = ("box", "wedge", "frustum", "triangular_prism", "pentagonal_prism", "hexag
 @dataclass(frozen=True, eq=False)
 class Body:
     """One part in a scene: its label, whether it is a stranger, its shape, cyclopean_from_part (4, 4) mm; in_view: what
-    share of its surface that faces both eyes is hidden from neither by another part or the picture's rim."""
+    share of its surface that faces both cameras is hidden from neither by another part or the picture's rim."""
 
     label: str
     stranger: bool
@@ -96,7 +96,7 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     world.draw(shapes)
     heap(world, [s.label for s in shapes], spot, rng)
     middle = np.mean([part.pose[:3, 3] for part in world.parts], axis=0)
-    eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
+    cameras = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
     albedo = truth.lighting.facet_albedo
     things = [
         RenderedSolid(piece, part.pose, albedo, tuple(marks))
@@ -104,8 +104,8 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
         for piece, marks in zip(part.shape.pieces, _prints(part.shape, albedo, ink, rng), strict=True)
     ]
     table = int(rng.integers(TABLES)) if patterned else None
-    left, right = taken(table, eyes, tuple(things), int(rng.integers(2**32)))
-    poses = [inverse(eyes) @ part.pose for part in world.parts]
+    left, right = taken(table, cameras, tuple(things), int(rng.integers(2**32)))
+    poses = [inverse(cameras) @ part.pose for part in world.parts]
     bodies = tuple(
         Body(
             part.label,
@@ -174,22 +174,22 @@ def _from_sides(flat: Array, point: Array) -> Array:
 
 
 def _in_view(which: int, shapes: list[PartShape], poses: list[Array], rng: np.random.Generator) -> float:
-    """What share of points of one part's surface that face both eyes is seen by both; the others, or a picture's rim,
-    hide the rest."""
+    """What share of points of one part's surface that face both cameras is seen by both; the others, or a picture's
+    rim, hide the rest."""
     sight = [cell().left.lens(), cell().right.lens()]
-    eyes = [eye.cyclopean_from_camera[:3, 3] for eye in sight]
+    cameras = [camera.cyclopean_from_camera[:3, 3] for camera in sight]
     points, normals = _on_surface(shapes[which], rng)
     points, normals = apply(poses[which], points), normals @ poses[which][:3, :3].T
-    facing = np.all([((eye - points) * normals).sum(1) > 0 for eye in eyes], axis=0)
-    inside = [eye.project(points) for eye in sight]
+    facing = np.all([((camera - points) * normals).sum(1) > 0 for camera in cameras], axis=0)
+    inside = [camera.project(points) for camera in sight]
     free = facing & np.all([(px > 0) & (px < np.array(cell().image_size)) for px in inside], axis=(0, 2))
     own = facing.copy()
-    for eye in eyes:
-        way = eye - points
+    for camera in cameras:
+        way = camera - points
         start = points + way / np.linalg.norm(way, axis=1, keepdims=True)
         for k, (part, pose) in enumerate(zip(shapes, poses, strict=True)):
             for piece in part.pieces:
-                hidden = hides(piece, pose, start, eye)
+                hidden = hides(piece, pose, start, camera)
                 free &= ~hidden
                 own &= ~hidden if k == which else True
     return float(free.sum() / max(own.sum(), 1))

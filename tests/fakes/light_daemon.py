@@ -34,7 +34,7 @@ from daemon.service import Service
 from daemon.store import runlog
 from daemon.vision.values import Facet, Scene
 from tests.fakes.computing import ComputesHere
-from tests.fakes.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
+from tests.fakes.fake_cell import FakeCameras, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
 from tests.fakes.simulated_time import SimulatedLoop
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
@@ -77,7 +77,7 @@ class Robot(FakeRobot):
     close = check = open
 
 
-class Eyes(FakeEyes):
+class LightCameras(FakeCameras):
     """Fake cameras with the further members that service and watchdog use."""
 
     alone = None
@@ -92,8 +92,8 @@ class Eyes(FakeEyes):
         """A small pair, taken now."""
         pair = await super().grab(not_before_s, timeout_s)
         self.heard_s = self.world.now_s
-        eyes = (pair.left, pair.right)
-        small = [FakePicture(eye.pixels[::SMALL, ::SMALL].copy(), eye.taken_s) for eye in eyes]
+        cameras = (pair.left, pair.right)
+        small = [FakePicture(camera.pixels[::SMALL, ::SMALL].copy(), camera.taken_s) for camera in cameras]
         return replace(pair, left=small[0], right=small[1])
 
     async def use(self, alone: str | None) -> None:
@@ -233,20 +233,20 @@ class LightDaemon:
     def _build(self, config: Config, on_wire: Any, record: Any) -> build_room.Hardware:
         robot: Any = Robot(self.world)
         robot.beliefs = Beliefs(self.world.clock, record)
-        eyes: Any = Eyes(self.world)
+        cameras: Any = LightCameras(self.world)
         robot.on_wire = on_wire
-        return build_room.Hardware("real", robot, eyes, self.world.clock, "/dev/arm")
+        return build_room.Hardware("real", robot, cameras, self.world.clock, "/dev/arm")
 
 
 def _small_calibration() -> str:
     """The calibration of etc/, for the small images."""
-    eyes = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
-    eyes["image_size"] = [n // SMALL for n in eyes["image_size"]]
-    for eye in (eyes["left"], eyes["right"]):
-        matrix = np.array(eye["camera_matrix"]) / SMALL
+    cameras = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
+    cameras["image_size"] = [n // SMALL for n in cameras["image_size"]]
+    for camera in (cameras["left"], cameras["right"]):
+        matrix = np.array(camera["camera_matrix"]) / SMALL
         matrix[2] = 0.0, 0.0, 1.0
-        eye["camera_matrix"] = matrix.tolist()
-    return yaml.safe_dump(eyes)
+        camera["camera_matrix"] = matrix.tolist()
+    return yaml.safe_dump(cameras)
 
 
 @contextmanager

@@ -15,8 +15,9 @@ from daemon.vision.values import FacetView, Polygon
 
 @dataclass(frozen=True)
 class Limit:
-    """Medians over the corners of a look. seen_px: noise of a corner across the epipolar lines, in one eye; bound_px:
-    the least it could be; noise_sigma, contrast: grey levels; blur_px: sigma of the edges' blur; edge_px: side length.
+    """Medians over the corners of a look. seen_px: noise of a corner across the epipolar lines, in one camera;
+    bound_px: the least it could be; noise_sigma, contrast: grey levels; blur_px: sigma of the edges' blur; edge_px:
+    side length.
     """
 
     seen_px: float

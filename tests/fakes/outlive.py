@@ -62,7 +62,7 @@ class Beside(Sentry):
         self.cell = SimulatedCell(ETC / "simcell.yaml", seed, ways.time_scale, manners)
         self.at, self._enabled = ways.at, False
         self.cell.camera.open()
-        self._eyes = lend(self.cell.camera, folder / "eyes")
+        self._cameras = lend(self.cell.camera, folder / "eyes")
         line = Dialect().on_a_faster_line(ways.time_scale)
         dialect = f"{{character_pause_s: {ways.pause_s}, prompt_silence_s: {line.prompt_silence_s}, " \
                   f"echo_settle_s: {line.echo_settle_s}, poll_s: {line.poll_s}}}"  # fmt: skip
@@ -149,7 +149,7 @@ class Beside(Sentry):
     def close(self) -> None:
         """End both."""
         self.kill()
-        self._eyes.close()
+        self._cameras.close()
         self.cell.stop()
 
 

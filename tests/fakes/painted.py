@@ -24,12 +24,12 @@ GREYS = (95.0, 165.0, 110.0, 185.0, 140.0, 205.0, 125.0)  # one a facet, in turn
 
 
 def paint_pair(
-    bodies: Sequence[tuple[Body | Polyhedron, Array]], rng: np.random.Generator, eyes: StereoRig | None = None
+    bodies: Sequence[tuple[Body | Polyhedron, Array]], rng: np.random.Generator, cameras: StereoRig | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Left and right image (480, 640) uint8 of bodies at their cyclopean_from_part, farther ones first; holes of
     a solid are dark."""
-    eyes = eyes or rig()
-    return _paint(bodies, eyes.left, eyes.image_size, rng), _paint(bodies, eyes.right, eyes.image_size, rng)
+    cameras = cameras or rig()
+    return _paint(bodies, cameras.left, cameras.image_size, rng), _paint(bodies, cameras.right, cameras.image_size, rng)
 
 
 def _paint(

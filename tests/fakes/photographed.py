@@ -1,4 +1,4 @@
-"""One part on the simulated cell's table as both eyes see it, made from a seed; pictures are kept where asked.
+"""One part on the simulated cell's table as both cameras see it, made from a seed; pictures are kept where asked.
 
 The folder named by FACETD_RENDERED, if it is set, keeps each pair as .npz under a name that says what was rendered, so
 that two versions of the recogniser are shown the same pictures, and the second is not kept waiting.
@@ -82,16 +82,16 @@ def photograph(
         spot = np.array([*np.add(truth.table.centre_mm, rng.uniform(-STRAY_MM, STRAY_MM, 2)), truth.table.height_mm])
         rest = shape.rests[int(rng.integers(len(shape.rests)))]
         lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
-        eyes = pose_above(float(rng.uniform(*distance_mm)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
-        if wanted is None or wanted(inverse(eyes) @ lies):
+        cameras = pose_above(float(rng.uniform(*distance_mm)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
+        if wanted is None or wanted(inverse(cameras) @ lies):
             break
     else:
         raise LookupError(f"{shape.label}: none of {TRIES} views is as wanted")
     albedo = truth.lighting.facet_albedo
     prints = print_for(shape, albedo, rng) if printed else [()] * len(shape.pieces)
     things = rendered(shape, lies, albedo, prints)
-    left, right = taken(table, eyes, things, int(rng.integers(2**32)))
-    return Photograph(left, right, inverse(eyes) @ lies, table, printed)
+    left, right = taken(table, cameras, things, int(rng.integers(2**32)))
+    return Photograph(left, right, inverse(cameras) @ lies, table, printed)
 
 
 def seen_by_one(shape: PartShape, cyclopean_from_part: Array) -> bool:

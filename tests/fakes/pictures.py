@@ -25,23 +25,25 @@ STARK = Lighting(
 """Facets against a nearly black table, so that shadows do not blur the measured edges."""
 
 
-def looking(eye_mm: list[float], at_mm: list[float], roll_rad: float = 0.0) -> Array:
+def looking(viewpoint_mm: list[float], at_mm: list[float], roll_rad: float = 0.0) -> Array:
     """world_from_cyclopean that looks at a point."""
-    z = np.array(at_mm) - np.array(eye_mm)
+    z = np.array(at_mm) - np.array(viewpoint_mm)
     z = z / np.linalg.norm(z)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x = x / np.linalg.norm(x)
-    return rigid(np.column_stack([x, np.cross(z, x), z]) @ turn([0, 0, 1], roll_rad), eye_mm)
+    return rigid(np.column_stack([x, np.cross(z, x), z]) @ turn([0, 0, 1], roll_rad), viewpoint_mm)
 
 
-def projected(eye: LensCamera, world_from_cyclopean: Array, points: Array) -> Array:
+def projected(camera: LensCamera, world_from_cyclopean: Array, points: Array) -> Array:
     """(N, 3) world -> (N, 2) px by OpenCV's projection."""
-    camera_from_world = inverse(world_from_cyclopean @ eye.cyclopean_from_camera)
-    seen, _ = cv2.projectPoints(apply(camera_from_world, points), np.zeros(3), np.zeros(3), eye.matrix, eye.distortion)
+    camera_from_world = inverse(world_from_cyclopean @ camera.cyclopean_from_camera)
+    seen, _ = cv2.projectPoints(
+        apply(camera_from_world, points), np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
+    )
     return np.asarray(seen[:, 0, :], float)
 
 
-def picture(things: list[RenderedSolid], pose: Array, eye: LensCamera, lighting: Lighting = STARK) -> Array32:
+def picture(things: list[RenderedSolid], pose: Array, camera: LensCamera, lighting: Lighting = STARK) -> Array32:
     light = CellLight(TABLE, lighting)
     light.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in things])
-    return radiance(PixelRays(eye, 640, 480), pose, things, light)
+    return radiance(PixelRays(camera, 640, 480), pose, things, light)

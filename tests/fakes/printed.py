@@ -32,7 +32,7 @@ def print_pair(
     speckled: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Left and right image (480, 640) of a body at cyclopean_from_part, and a table that lies in z = 0 of table, (4, 4)
-    cyclopean_from_table, of stone where it is speckled; else one behind it that faces the eyes."""
+    cyclopean_from_table, of stone where it is speckled; else one behind it that faces the cameras."""
     rng = np.random.default_rng(seed)
     cloth = _stone(rng) if speckled else _cloth(rng) if patterned else np.full((TEXELS, TEXELS), 45.0, np.float32)
     half = TABLE_MM / 2
@@ -43,8 +43,8 @@ def print_pair(
         corners = frames.apply(where, body.corners_mm)
         for k in seen_facets(body, where, 0.0):
             faces.append((corners[list(body.facets[k])], _print(rng, BASE[k % len(BASE)], printed)))
-    eyes = straight_rig()
-    left, right = (_paint(faces, camera, eyes.image_size, rng) for camera in (eyes.left, eyes.right))
+    cameras = straight_rig()
+    left, right = (_paint(faces, camera, cameras.image_size, rng) for camera in (cameras.left, cameras.right))
     return left, right
 
 

@@ -51,7 +51,7 @@ def _answer(borrower: Connection, camera: StereoCamera) -> None:
                 return
 
 
-class BorrowedEyes:
+class BorrowedCameras:
     """drivers/camera/pair.py's StereoCamera, by way of a socket."""
 
     def __init__(self, settings: Any, clock: Callable[[], float]) -> None:
@@ -84,5 +84,5 @@ class BorrowedEyes:
 
 
 if __name__ == "__main__":
-    own_cells.V4L2StereoCamera = BorrowedEyes  # type: ignore[assignment,misc]
+    own_cells.V4L2StereoCamera = BorrowedCameras  # type: ignore[assignment,misc]
     sys.exit(main.main())

@@ -85,13 +85,13 @@ def true_calibration() -> Calibration:
     """The calibration that matches the truth exactly."""
     config = load_config(CONFIG, simulated=True)
     truth = load_truth(config.file(config.values.simulated.truth))
-    eyes = [
+    cameras = [
         Camera(np.array(e.camera_matrix), np.array(e.distortion), np.array(e.cyclopean_from_camera))
         for e in (truth.left, truth.right)
     ]
     believed = load_calibration(config.calibration)
     width, height = truth.image_size
-    rig = StereoRig(eyes[0], eyes[1], (width, height))
+    rig = StereoRig(cameras[0], cameras[1], (width, height))
     return replace(believed, rig=rig, tool_from_cyclopean=np.array(truth.tool_from_cyclopean))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell.cameras import ThreadedCameras
@@ -47,7 +47,7 @@ class Hours(Rig):
 
 
 @contextlib.asynccontextmanager
-async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | None = None) -> AsyncIterator[Hours]:
+async def cell_in_time(seed: int, model: Model | None = None, alone: CameraName | None = None) -> AsyncIterator[Hours]:
     """Build, open, enable, on the running SimulatedLoop; close at the end. The motion monitor must find nothing."""
     loop = asyncio.get_running_loop()
     assert isinstance(loop, SimulatedLoop)
@@ -59,9 +59,9 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     opens: Any = cell.server.open  # type: ignore[union-attr]
     link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
     cell.camera.use(alone)
-    eyes = ThreadedCameras(cell.camera, loop.time, alone)
+    cameras = ThreadedCameras(cell.camera, loop.time, alone)
     robot = Val2Arm(link, geometry, Beliefs(loop.time, log.record))
-    hardware = Hardware("simulated", robot, eyes, loop.time, "memory", seed)
+    hardware = Hardware("simulated", robot, cameras, loop.time, "memory", seed)
     try:
         await hardware.open()
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))

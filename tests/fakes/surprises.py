@@ -314,15 +314,15 @@ class Surprises(RuleBasedStateMachine):
         self.there.wait(seconds)
 
     @rule(
-        eye=st.sampled_from(["left", "right"]),
+        camera=st.sampled_from(["left", "right"]),
         how=st.sampled_from(["away", "frozen", "stale", "half", None]),
         going=GOING,
     )
     @kept
-    def harm_a_camera(self, eye: str, how: Any, going: Going) -> None:
+    def harm_a_camera(self, camera: str, how: Any, going: Going) -> None:
         """A camera disappears, freezes (with or without fresh noise), delivers incomplete images, or recovers."""
         self.send_off(going)
-        self.there.cell.camera.set_fault(eye, how)
+        self.there.cell.camera.set_fault(camera, how)
 
     @rule(seconds=st.sampled_from([0.5, 5.0]), every=st.integers(1, 3), going=GOING)
     @kept

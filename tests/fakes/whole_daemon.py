@@ -875,8 +875,8 @@ class Story:
         faults.refusals.clear()
         faults.noise_rate = faults.split_prompt_s = 0.0
         faults.mute_answers = faults.late_answers = faults.repeated_places = 0
-        for eye in ("left", "right"):
-            self.cell.camera.set_fault(eye, None)
+        for camera in ("left", "right"):
+            self.cell.camera.set_fault(camera, None)
         self.cell.server.unplugged = False  # type: ignore[union-attr]
         with self.cell.server.controller() as controller:
             controller.machine.alive = True
@@ -980,12 +980,12 @@ class Story:
         )
         kind = SimulatedOperator if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
-        eyes = ThreadedCameras(self.cell.camera, self.loop.time)
+        cameras = ThreadedCameras(self.cell.camera, self.loop.time)
         robot = Val2Arm(link, geometry, Beliefs(self.loop.time, record))
         return Hardware(
             "simulated",
             robot,
-            eyes,
+            cameras,
             self.cell_clock,
             "memory",
             7,
@@ -1029,13 +1029,13 @@ def cell_files() -> dict[str, bytes]:
     """The cell of etc/ with smaller images, a post in it, and the parts of the demo taught."""
     truth = yaml.safe_load((ETC / "simcell.yaml").read_text(encoding="utf-8"))
     believed = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
-    for eyes in (truth, believed):
-        eyes["image_size"] = [round(PIXELS * n) for n in eyes["image_size"]]
-        for eye in (eyes["left"], eyes["right"]):
-            matrix = PIXELS * np.array(eye["camera_matrix"])
+    for cameras in (truth, believed):
+        cameras["image_size"] = [round(PIXELS * n) for n in cameras["image_size"]]
+        for camera in (cameras["left"], cameras["right"]):
+            matrix = PIXELS * np.array(camera["camera_matrix"])
             matrix[:2, 2] += (PIXELS - 1) / 2
             matrix[2] = 0.0, 0.0, 1.0
-            eye["camera_matrix"] = matrix.tolist()
+            camera["camera_matrix"] = matrix.tolist()
     truth["safety"]["keep_out"] = [POST]
     files = {name: (ETC / name).read_bytes() for name in ("facets.yaml", "parts.yaml")}
     files["simcell.yaml"] = yaml.safe_dump(truth).encode()

@@ -1,7 +1,7 @@
 """What stands around the guest: the simulated cell, on this machine, reached only as a real one would be.
 
 The arm's controller is at the other end of a serial line (line.py). The cameras' light goes through one virtio port:
-the guest asks for a pair, and gets what the eyes see from where the arm is at that moment. What a person at the cell
+the guest asks for a pair, and gets what the cameras see from where the arm is at that moment. What a person at the cell
 would do (put parts on the table, pull an adapter out) and know (what is held) goes through another, as a JSON object a
 line.
 """

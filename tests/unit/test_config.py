@@ -205,9 +205,9 @@ def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: py
 @pytest.mark.parametrize(
     ("section", "eye"), [("{left: a}", "left"), ("{right: a}", "right"), ("{left: a, right: b}", None)]
 )
-def test_a_cell_with_one_camera_looks_with_that_alone(path: Path, section: str, eye: str | None) -> None:
+def test_a_cell_with_one_camera_looks_with_that_alone(path: Path, section: str, camera: str | None) -> None:
     path.write_text(f"version: 1\ncameras: {section}\n")
-    assert sections.alone(load_config(path)) == eye
+    assert sections.alone(load_config(path)) == camera
 
 
 def test_a_calibration_of_one_camera_is_refused_where_there_are_two(path: Path) -> None:

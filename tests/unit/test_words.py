@@ -34,6 +34,9 @@ GONE_FROM_NAMES = {
     "stranger",
     "story",
 }
+EYES = {"eye", "eyes"}
+"""Which no name has in any package: a camera, its image, a viewpoint. A hand-eye calibration is the field's, and keys
+of records stay."""
 """Words that say nothing of what a name means: what was told, to whom, and where it is gone."""
 KEPT = {"gone_mm", "GONE"}
 """A key that people have in facetd.yaml, and an event that runs have recorded."""
@@ -122,6 +125,16 @@ def test_no_name_has_a_word_of_before() -> None:
         for file in renamed()
         for name in names(file)
         if name not in KEPT and GONE_FROM_NAMES & {part.lower() for part in re.split(r"_|(?<=[a-z])(?=[A-Z])", name)}
+    ] == []
+
+
+def test_cameras_are_not_called_eyes() -> None:
+    assert [
+        f"{file.relative_to(HOUSE)}: {name}"
+        for file in CODE
+        if file != HOUSE / "daemon/events/records.py"
+        for name in names(file)
+        if EYES & set(re.sub(r"hand_?eye|eye_on_hand", "", name.lower()).split("_"))
     ] == []
 
 

@@ -58,9 +58,9 @@ from daemon.vision.refine import SCALE, facets_shown
 from daemon.vision.values import NearestGuess, Part, Recognition
 
 BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
-"""Less, the less alike its print is in both eyes, and the more of the segments where it lies are none of its edges: and
-what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where nothing
-taught lay: of these the worst then had log odds of 2.6 instead of 4.1, and three parts more had their names."""
+"""Less, the less alike its print is in both cameras, and the more of the segments where it lies are none of its edges:
+and what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where
+nothing taught lay: of these the worst then had log odds of 2.6 instead of 4.1, and three parts more had their names."""
 MOST_LIKENESS, MOST_EXPLAINED = BY_LIKENESS * (1 - USUAL_LIKENESS), BY_EXPLAINED * (1 - USUAL_EXPLAINED)
 """What they can add at most."""
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
@@ -113,7 +113,7 @@ class NamedByEdges(NamedTuple):
 
 
 def named_by_edges(
-    eyes: StereoImages,
+    images: StereoImages,
     model: Model,
     known: Sequence[Recognised],
     spent: Callable[[], float] = lambda: 0.0,
@@ -123,15 +123,15 @@ def named_by_edges(
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
     Unnamed groups of facets say what each could be. spent: the share of the
-    look's budget that is gone. told: the table as others know it, for where both eyes do not see it; what does not lie
-    on that one may lie on something else. enough: whether so many more names leave nothing to be named.
+    look's budget that is gone. told: the table as others know it, for where both cameras do not see it; what does not
+    lie on that one may lie on something else. enough: whether so many more names leave nothing to be named.
     """
     if spent() > SEARCHED:
         return NamedByEdges([], (), ("straight edges were not looked for",))
     unnamed = [one.group for one in known if not one.named]
-    named = [covered(one, model, eyes) for one in known if one.named]
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
-    search = Search(eyes, model, unnamed, named, maps, SupportPlane.of(seen_table(eyes, told), told))
+    named = [covered(one, model, images) for one in known if one.named]
+    maps = edge_distances(images.left), edge_distances(images.right)
+    search = Search(images, model, unnamed, named, maps, SupportPlane.of(seen_table(images, told), told))
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
     chances = max(by_facets.tests, fewest)
@@ -146,10 +146,10 @@ def named_by_edges(
         chances = max(tests, fewest)
         fresh = _by_odds(registered_near(search, likely))
         if spent() < SEARCHED:
-            fresh += registered_near(search, _undecided(fresh, chances, eyes))
+            fresh += registered_near(search, _undecided(fresh, chances, images))
         laid = _by_odds([*laid, *fresh])
         if spent() < SEARCHED:
-            laid = _with_rivals(search, _by_odds(_without_hidden(laid, chances, eyes)), rivals, chances)
+            laid = _with_rivals(search, _by_odds(_without_hidden(laid, chances, images)), rivals, chances)
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
         if named or found or search.ground is None or spent() > SEARCHED:
@@ -160,7 +160,7 @@ def named_by_edges(
             nearest.append(one)
     apart_px = 0.0
     if nearest and not named and not found and spent() < 1:
-        apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
+        apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, images)
     guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
     return NamedByEdges(found, guesses, left_out)
 
@@ -179,7 +179,7 @@ def _proven(
 ) -> tuple[list[RegisteredPart], list[Recognised], tuple[str, ...]]:
     """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
     and what there was no time for."""
-    taken, found, eyes = list[RegisteredPart](), list[Recognised](), search.eyes
+    taken, found, images = list[RegisteredPart](), list[Recognised](), search.images
     for k, one in enumerate(laid):
         if spent() > 1:
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
@@ -191,7 +191,7 @@ def _proven(
         one = _other_way(one, laid, search, tests)
         taken.append(one)
         one = _best_turn(one, search)
-        holes = by_holes(one.label, one.pose, search.model, eyes)
+        holes = by_holes(one.label, one.pose, search.model, images)
         confidence = _probability(odds + min(holes.nats, 0.0))
         if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
             continue
@@ -200,7 +200,7 @@ def _proven(
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
         ahead = all(_ahead_of(one, other, holes.nats, search) for other in rivals)
         if ahead and _proven_if_cut_off(one, confidence, search):
-            measured = measured_at(one.solid, one.pose, eyes, search.model, one.seen)
+            measured = measured_at(one.solid, one.pose, images, search.model, one.seen)
             tolerance = search.model.parameters.tolerance_mm
             size_nats = other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance)
             radius_nats = other_radius_nats(one.solid, measured.fit.cyclopean_from_part, search.circles, tolerance)
@@ -244,7 +244,7 @@ def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
     tolerance = search.model.parameters.tolerance_mm
 
     def nats(other: RegisteredPart) -> float:
-        return other.odds + hole_nats(other.solid, other.pose, search.eyes, tolerance)
+        return other.odds + hole_nats(other.solid, other.pose, search.images, tolerance)
 
     laid = registered_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tries) for turn in turns])
     likely = [EdgeHypothesis(own.label, own.pose, own.tries) for own in sorted(laid, key=nats)[-MOST_TURNS:]]
@@ -255,16 +255,16 @@ def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: 
     """Whether of two parts laid at one place it is the first: by the edges that only one of them has, by whether it
     lies on the table, and by nats that its holes have more than those of the other. The print of a face may be where
     another part would have its edges."""
-    others, _ = turned_by_holes(other.label, other.pose, search.model, search.eyes)
+    others, _ = turned_by_holes(other.label, other.pose, search.model, search.images)
     return _by_own_edges(one, other) + holes - others > 0
 
 
 def _proven_if_cut_off(one: RegisteredPart, confidence: float, search: Search) -> bool:
     """Whether what is in view of a part proves it and how long it is, where it leaves a picture."""
-    eyes, tolerance = search.eyes, search.model.parameters.tolerance_mm
-    if not cut_off(one.solid, one.pose, eyes):
+    images, tolerance = search.images, search.model.parameters.tolerance_mm
+    if not cut_off(one.solid, one.pose, images):
         return True
-    return confidence > LEAST_CUT_OFF and ahead_of_sizes(one.solid, one.pose, one.seen, eyes, tolerance) > LEAST_APART
+    return confidence > LEAST_CUT_OFF and ahead_of_sizes(one.solid, one.pose, one.seen, images, tolerance) > LEAST_APART
 
 
 def _by_odds(laid: Iterable[RegisteredPart]) -> list[RegisteredPart]:
@@ -276,14 +276,14 @@ def _guess(one: RegisteredPart, apart_px: float) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
-def _undecided(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -> list[EdgeHypothesis]:
+def _undecided(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> list[EdgeHypothesis]:
     """Other poses of the likeliest part at each place, where its edges do not decide whether it is there."""
     places, found = list[RegisteredPart](), list[EdgeHypothesis]()
     for one in laid:
         odds = one.odds - np.log(tests)
         if odds < UNDECIDED[0] or len(places) == MOST_UNDECIDED:
             break
-        if facets_shown(one.solid, eyes, one.pose, one.seen) < FEWEST_IN_VIEW or any(
+        if facets_shown(one.solid, images, one.pose, one.seen) < FEWEST_IN_VIEW or any(
             one.overlaps(there) for there in places
         ):
             continue
@@ -294,7 +294,7 @@ def _undecided(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -
     return found
 
 
-def _without_hidden(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -> Iterator[RegisteredPart]:
+def _without_hidden(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> Iterator[RegisteredPart]:
     """Laid parts, the likeliest first; those of which it is not decided whether they are there without what something
     nearer hides of their edges."""
     places = list[RegisteredPart]()
@@ -303,7 +303,7 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImag
         here = sum(one.overlaps(there) for there in places)
         if HIDDEN_ODDS[0] < odds < HIDDEN_ODDS[1] and here < PER_PLACE and len(places) < MOST_HIDDEN:
             places.append(one)
-            yield one.without_hidden(eyes)
+            yield one.without_hidden(images)
         else:
             yield one
 
@@ -315,9 +315,9 @@ def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
         return -np.inf
     odds, beside = one.odds - float(np.log(tests)), 0.0
     if len(one.solid.holes) > 1:
-        nats = hole_nats(one.solid, one.pose, search.eyes, search.model.parameters.tolerance_mm)
+        nats = hole_nats(one.solid, one.pose, search.images, search.model.parameters.tolerance_mm)
         beside = max(nats - MOST_NATS, 0.0)
-    if facets_shown(one.solid, search.eyes, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
+    if facets_shown(one.solid, search.images, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
         return -np.inf
     odds += beside
     for term, yet in _for_and_against(one, search):
@@ -336,12 +336,12 @@ def _may_be_named(one: RegisteredPart, tests: int) -> bool:
 def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[float, float]]:
     """What else than its edges speaks for a laid part, or against it, in log odds, the cheapest first; and how much
     more what follows can add."""
-    eyes, maps = search.eyes, search.maps
-    share = edge_inlier_share(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), eyes, one.covered)
+    images, maps = search.images, search.maps
+    share = edge_inlier_share(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), images, one.covered)
     yield BY_EXPLAINED * ((USUAL_EXPLAINED if share is None else share) - USUAL_EXPLAINED), MOST_LIKENESS
-    again = self_similarity(one.solid, one.pose, eyes.geometry, maps[0])
+    again = self_similarity(one.solid, one.pose, images.geometry, maps[0])
     yield -BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0), MOST_LIKENESS
-    alike = face_consistency(one.solid, one.pose, eyes, covered=one.covered)
+    alike = face_consistency(one.solid, one.pose, images, covered=one.covered)
     yield BY_LIKENESS * ((USUAL_LIKENESS if alike is None else max(alike, 0.0)) - USUAL_LIKENESS), 0.0
 
 
@@ -358,19 +358,19 @@ parts that edges named 90 and four of 39, of look-alikes 96 and three of 110 (py
 def placed(
     seen: RegisteredPart, measured: MeasuredPart, confidence: float, same: Sequence[RegisteredPart], search: Search
 ) -> Recognised:
-    """The part with the facets that both eyes have in view, measured where its sides show; same: the same part as it
+    """The part with the facets that both cameras have in view, measured where its sides show; same: the same part as it
     was laid there, this way and others."""
-    eyes = search.eyes
+    images = search.images
     near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
     same = [*same, *registered_near(search, near)]
-    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), eyes)
+    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), images)
     fit, numbers, facets, _ = measured
     pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
     why = f"{100 * seen.borne.share:.0f} % of what its edges could show is in the images"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    equivalents = _alike(seen.solid, pose, numbers, eyes)
+    equivalents = _alike(seen.solid, pose, numbers, images)
     covariance = covariance + _spread(seen, same, alike)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(merge_vertices(list(facets)), part)
@@ -399,12 +399,12 @@ def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) 
     return spread / total
 
 
-def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], eyes: StereoImages) -> Array:
+def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], images: StereoImages) -> Array:
     """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
     or where others of the solid do."""
     turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))
     poses = np.asarray(pose @ frames.inverse(turns))
     if not solid.holes or len(poses) == 1:
         return poses
-    seen = np.array([hole_nats(solid, one, eyes) for one in poses])
+    seen = np.array([hole_nats(solid, one, images) for one in poses])
     return np.asarray(poses[seen > seen[0] - HOLES_APART])

@@ -143,11 +143,11 @@ class Stay(NamedTuple):
 
 
 def stay_of(
-    solid: Polyhedron, bend: Bend, tangent_mm: float, pose: Array, view: CameraImage, eye_mm: Array
+    solid: Polyhedron, bend: Bend, tangent_mm: float, pose: Array, view: CameraImage, viewpoint_mm: Array
 ) -> Stay | None:
     """Where a camera has the border at a bend of a solid at cyclopean_from_part (4, 4), whose sides are straight from
     tangent_mm on; None where it does not show that."""
-    camera = view.eye.camera
+    camera = view.rectified.camera
     way_mm = bend.ways * bend.lengths_mm[:, None]
     px = camera.project(frames.apply(pose, np.vstack([bend.corner_mm, bend.corner_mm + way_mm,
                                                       bend.corner_mm + tangent_mm * bend.ways])))  # fmt: skip
@@ -155,7 +155,7 @@ def stay_of(
         return None
     if not solid.convex:
         inside = bend.corner_mm + 0.02 * way_mm.sum(0)
-        if hidden(solid, inside[None], frames.apply(frames.inverse(pose), eye_mm[None])[0])[0]:
+        if hidden(solid, inside[None], frames.apply(frames.inverse(pose), viewpoint_mm[None])[0])[0]:
             return None
     way = px[1:3] - px[0]
     long = np.linalg.norm(way, axis=1)

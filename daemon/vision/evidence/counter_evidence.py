@@ -80,18 +80,18 @@ class Against:
         return f"{self.missing:.0%} of what that should show is in neither picture"
 
 
-def verified_names(found: Sequence[Recognised], model: Model, eyes: StereoImages) -> tuple[Recognised, ...]:
+def verified_names(found: Sequence[Recognised], model: Model, images: StereoImages) -> tuple[Recognised, ...]:
     """The named ones with a confidence that counts what speaks against them; without their names where that is too
     much."""
-    return tuple(_checked(one, model, eyes) if one.named else one for one in found)
+    return tuple(_checked(one, model, images) if one.named else one for one in found)
 
 
-def _checked(found: Recognised, model: Model, eyes: StereoImages) -> Recognised:
-    one = told_by_rounding(found, model, eyes) if any_rounded(model) else found
+def _checked(found: Recognised, model: Model, images: StereoImages) -> Recognised:
+    one = told_by_rounding(found, model, images) if any_rounded(model) else found
     if not one.named:
         return one
     verdict = one.part.recognition
-    against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
+    against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, images)
     twin = against.twin
     confidence = verdict.confidence * (1 - twin)
     if twin > MOST_LIKELY_TWIN:
@@ -99,24 +99,24 @@ def _checked(found: Recognised, model: Model, eyes: StereoImages) -> Recognised:
     return replace(one, part=replace(one.part, recognition=replace(verdict, confidence=confidence)))
 
 
-def speaks_against(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Against:
+def speaks_against(solid: Polyhedron, pose: Array, images: StereoImages) -> Against:
     """What speaks against a part's being at cyclopean_from_part (4, 4). Where that would take its name it is asked what
     lies before the part: that hides edges, and has some of its own."""
-    both, off_px = edge_places(solid, pose, eyes), off_faces_px(solid, pose, eyes)
-    found = _of_places(solid, pose, eyes, both, off_px)
+    both, off_px = edge_places(solid, pose, images), off_faces_px(solid, pose, images)
+    found = _of_places(solid, pose, images, both, off_px)
     if found.twin < MOST_LIKELY_TWIN:
         return found
-    hidden = hidden_of(solid, pose, eyes, both).places
+    hidden = hidden_of(solid, pose, images, both).places
     if not any(hides.any() for hides in hidden):
         return found
     both = [replace(seen, visible=seen.visible & ~hides) for seen, hides in zip(both, hidden, strict=True)]
-    return _of_places(solid, pose, eyes, both, 0.0)
+    return _of_places(solid, pose, images, both, 0.0)
 
 
 def _of_places(
-    solid: Polyhedron, pose: Array, eyes: StereoImages, both: Sequence[EdgePlaces], off_px: float
+    solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces], off_px: float
 ) -> Against:
-    rival = untaught_rival(solid, pose, eyes, both)
+    rival = untaught_rival(solid, pose, images, both)
     return Against(missing_share(both), missing_in_both_px(both), off_px, *rival)
 
 

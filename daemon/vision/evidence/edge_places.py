@@ -58,20 +58,20 @@ class EdgePlaces:
     spread: Array
 
 
-def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[EdgePlaces]:
+def edge_places(solid: Polyhedron, pose: Array, images: StereoImages) -> list[EdgePlaces]:
     """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
     ends, count = solid.lines[0], len(solid.corners_mm)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     places = _on_arcs(solid, solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares)
     points = frames.apply(pose, np.concatenate([solid.corners_mm, places]))
-    px = np.stack([view.eye.camera.project(points) for view in eyes.views])
+    px = np.stack([view.rectified.camera.project(points) for view in images.views])
     corners, px = px[:, :count], px[:, count:].reshape(2, -1, PLACES, 2)  # of either camera, as all that follows
     thick = thickness(corners[:, solid.ring_table])
     hands = np.where((thick >= THIN_PX[1])[:, solid.hands], solid.hands, -1)
     start, end = corners[:, ends[:, 0]], corners[:, ends[:, 1]]
     long = np.hypot(*np.moveaxis(end - start, 2, 0))
-    visible = ((px > ROOM_PX) & (px < np.array(eyes.rig.image_size) - 1 - ROOM_PX)).all(3)
-    walls = _walls_facing(solid, pose, eyes)
+    visible = ((px > ROOM_PX) & (px < np.array(images.rig.image_size) - 1 - ROOM_PX)).all(3)
+    walls = _walls_facing(solid, pose, images)
     shortest = np.where(solid.circles[:, 3] > 0, LEAST_ARC_PX, SHORTEST_PX)
     visible &= (((hands >= 0).any(2) | walls) & (long >= shortest))[..., None]
     if solid.arcs:
@@ -79,10 +79,10 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
             own &= ~_beside_others(solid, own, at, *edges)
     if not solid.convex:
         part_from_cyclopean = frames.inverse(pose)
-        for own, eye_mm in zip(visible, eyes.geometry.eyes_mm, strict=True):
-            own &= ~hidden(solid, places, frames.apply(part_from_cyclopean, eye_mm[None])[0]).reshape(own.shape)
+        for own, viewpoint_mm in zip(visible, images.geometry.cameras_mm, strict=True):
+            own &= ~hidden(solid, places, frames.apply(part_from_cyclopean, viewpoint_mm[None])[0]).reshape(own.shape)
     levels = np.zeros((*visible.shape, len(_OFFSETS_PX)), np.float32)
-    for view, own, seen, at, *edge in zip(eyes.views, levels, visible, px, start, end, strict=True):
+    for view, own, seen, at, *edge in zip(images.views, levels, visible, px, start, end, strict=True):
         own[seen] = levels_across(view.smooth, at[seen], across(*edge)[np.nonzero(seen)[0]], _OFFSETS_PX)
     slopes = np.abs(slopes_across(levels))
     beside = levels[..., _BESIDE].mean(4)
@@ -95,8 +95,10 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     expected = np.abs(after - before)
     if solid.alike_behind:
         at = places.reshape(*visible.shape[1:], 3)
-        for own, eye in zip(expected, frames.apply(frames.inverse(pose), np.stack(eyes.geometry.eyes_mm)), strict=True):
-            own[before_alike(solid, at, eye)] = 0.0
+        for own, viewpoint in zip(
+            expected, frames.apply(frames.inverse(pose), np.stack(images.geometry.cameras_mm)), strict=True
+        ):
+            own[before_alike(solid, at, viewpoint)] = 0.0
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
     close = np.asarray((peaks(slopes, least) & _CLOSE).any(3))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
@@ -129,11 +131,14 @@ def _on_arcs(solid: Polyhedron, places: Array) -> Array:
     return places.reshape(-1, 3)
 
 
-def _walls_facing(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Flags:
+def _walls_facing(solid: Polyhedron, pose: Array, images: StereoImages) -> Flags:
     """(2, E) beyond which edges, arcs, the left and the right camera see a curved surface."""
     middles = frames.apply(pose, solid.corners_mm[solid.lines[0]].mean(1))
     return np.array(
-        [((eye_mm - middles) * (solid.walls @ pose[:3, :3].T)).sum(1) > 0 for eye_mm in eyes.geometry.eyes_mm]
+        [
+            ((viewpoint_mm - middles) * (solid.walls @ pose[:3, :3].T)).sum(1) > 0
+            for viewpoint_mm in images.geometry.cameras_mm
+        ]
     )
 
 

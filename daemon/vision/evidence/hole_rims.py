@@ -29,10 +29,10 @@ there, and how seldom one shows that is not. By 53 rims that are there and 143 t
 former the least had 9 nats, of the latter the most -6. tests/bench/holes.py makes these and SHOWS again."""
 
 
-def hole_nats(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:
+def hole_nats(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:
     """How much more both pictures speak for the holes of a part at cyclopean_from_part (4, 4) than for none; 0 where it
     has none in view."""
-    return sum(rim_nats(both) for both in rims_seen(solid, pose, eyes, tolerance_mm)) if solid.holes else 0.0
+    return sum(rim_nats(both) for both in rims_seen(solid, pose, images, tolerance_mm)) if solid.holes else 0.0
 
 
 def rim_nats(both: list[RimSeen]) -> float:
@@ -59,7 +59,7 @@ class ByHoles(NamedTuple):
     apart: float
 
 
-def by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -> ByHoles:
+def by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> ByHoles:
     """What holes say of a part at a pose (4, 4): it is that, another turn of it, or another part of its shape."""
     own, best = model.metric[label].solid, dict[str, tuple[float, Array]]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
@@ -67,21 +67,21 @@ def by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -> ByHol
         other = labels[k]
         there = pose if other == label else next((pose @ one for one in _motions(own, solids[k])), None)
         if there is not None:
-            best[other] = turned_by_holes(other, there, model, eyes)
+            best[other] = turned_by_holes(other, there, model, images)
     ranked = sorted(best, key=lambda name: (-best[name][0], name != label))
     apart = best[ranked[0]][0] - best[ranked[1]][0] if len(ranked) > 1 else np.inf
     nats, turned = best[ranked[0]]
     return ByHoles(ranked[0], turned, nats, float(apart))
 
 
-def turned_by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -> tuple[float, Array]:
+def turned_by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> tuple[float, Array]:
     """What pictures speak for the holes of a part in the turn of its shape for which they speak most, and that pose;
     near a pose (4, 4), which it is where none is better."""
     solid = model.metric[label].solid
     if not solid.holes:
         return 0.0, pose
     poses = [pose, *(pose @ turn for turn in turns_but_for_holes(solid)[1:])]
-    nats = [hole_nats(solid, one, eyes, model.parameters.tolerance_mm) for one in poses]
+    nats = [hole_nats(solid, one, images, model.parameters.tolerance_mm) for one in poses]
     most = int(np.argmax(nats))
     return nats[most], poses[most]
 

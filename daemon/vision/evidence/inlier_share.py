@@ -1,7 +1,7 @@
-"""How much of the straight edges that both eyes see where a part would be are that part's own.
+"""How much of the straight edges that both cameras see where a part would be are that part's own.
 
-In: both eyes, a part laid onto them. Out: a share. Where a stranger lies, a guess has some of its edges by chance, and
-leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
+In: both cameras, a part laid onto them. Out: a share. Where a stranger lies, a guess has some of its edges by chance,
+and leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
 """
 
 from collections.abc import Sequence
@@ -26,15 +26,15 @@ def edge_inlier_share(
     solid: Polyhedron,
     pose: Array,
     edges: tuple[ExpectedEdges, ExpectedEdges],
-    eyes: StereoImages,
+    images: StereoImages,
     covered: Sequence[Sequence[PlanarShape]] = ((), ()),
 ) -> float | None:
     """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
     the edges it should show; None where there are none. covered: what something nearer covers in either image, whose
     segments say nothing."""
     own = every = 0.0
-    corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
-    for view, expected, corners, nearer in zip(eyes.views, edges, corners_px, covered, strict=True):
+    corners_px = pixels(frames.apply(pose, solid.corners_mm), images.geometry)
+    for view, expected, corners, nearer in zip(images.views, edges, corners_px, covered, strict=True):
         middle = (view.segments.start + view.segments.end) / 2
         there = (PlanarShape.hull(corners).depth(middle) > -ASIDE_PX) & clear_of(nearer, middle, ASIDE_PX)
         segments = view.segments.chosen(there)

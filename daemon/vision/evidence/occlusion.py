@@ -41,16 +41,16 @@ class Hidden(NamedTuple):
     covers: tuple[Sequence[PlanarShape], Sequence[PlanarShape]]
 
 
-def hidden_of(solid: Polyhedron, pose: Array, eyes: StereoImages, both: Sequence[EdgePlaces]) -> Hidden:
+def hidden_of(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> Hidden:
     """What hides a part at cyclopean_from_part (4, 4); both: what both images show along its edges."""
-    left, right = (hidden_places(solid, pose, eyes, k, one.visible, one.there) for k, one in enumerate(both))
-    return Hidden((left, right), (_covers(solid, pose, eyes, 0, left), _covers(solid, pose, eyes, 1, right)))
+    left, right = (hidden_places(solid, pose, images, k, one.visible, one.there) for k, one in enumerate(both))
+    return Hidden((left, right), (_covers(solid, pose, images, 0, left), _covers(solid, pose, images, 1, right)))
 
 
-def _covers(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, hidden: Flags) -> list[PlanarShape]:
+def _covers(solid: Polyhedron, pose: Array, images: StereoImages, one: int, hidden: Flags) -> list[PlanarShape]:
     """About each corner, what lies between the hidden ends of its edges."""
     ends, count = solid.lines[0], hidden.shape[1]
-    px = eyes.views[one].eye.camera.project(frames.apply(pose, solid.corners_mm))
+    px = images.views[one].rectified.camera.project(frames.apply(pose, solid.corners_mm))
     found = list[PlanarShape]()
     for corner in np.unique(ends[hidden[:, [0, -1]]]).tolist():
         edge, end = np.nonzero((ends == corner) & hidden[:, [0, -1]])
@@ -62,14 +62,16 @@ def _covers(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, hidden
     return found
 
 
-def hidden_places(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, visible: Flags, there: Flags) -> Flags:
+def hidden_places(
+    solid: Polyhedron, pose: Array, images: StereoImages, one: int, visible: Flags, there: Flags
+) -> Flags:
     """(E, S) which places of its edges, of those that are visible if nothing is before the part at cyclopean_from_part
     (4, 4), something nearer hides from the left or right (0, 1) camera, which has edges there."""
     missing, hidden = visible & ~there, np.zeros_like(visible)
     if not missing.any():
         return hidden
     ends, count = solid.lines[0], visible.shape[1]
-    edges, shares, lengths_px = _crossings(solid, pose, eyes, one)
+    edges, shares, lengths_px = _crossings(solid, pose, images, one)
     covered, whole, open_at_one = np.zeros(len(solid.corners_mm), bool), list[int](), list[tuple[int, slice, Index]]()
     for edge in np.flatnonzero(missing.any(1)).tolist():
         near = NEAR_PX / max(lengths_px[edge], 1e-9) + 1 / count
@@ -106,13 +108,13 @@ def _bridged(changes: Index, crossed: Array, near: float) -> list[int]:
     return ends
 
 
-def _crossings(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int) -> tuple[Index, Array, Array]:
+def _crossings(solid: Polyhedron, pose: Array, images: StereoImages, one: int) -> tuple[Index, Array, Array]:
     """Where segments of a camera that lie nearer cross the edges of a part: the edges (N,) and shares (N,) of their
     length; and the length (E,) of each, px."""
-    geometry, view = eyes.geometry, eyes.views[one]
+    geometry, view = images.geometry, images.views[one]
     mine, theirs = (geometry.left, geometry.right)[:: 1 - 2 * one]
     points, ends = frames.apply(pose, solid.corners_mm), solid.lines[0]
-    px = view.eye.camera.project(points)
+    px = view.rectified.camera.project(points)
     start, way = px[ends[:, 0]], px[ends[:, 1]] - px[ends[:, 0]]
     lengths_px = np.linalg.norm(way, axis=1)
     share, along, sine = _met(start, way, view.segments.start, view.segments.end - view.segments.start)
@@ -127,7 +129,7 @@ def _crossings(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int) -> 
     apart = (left - right)[:, :1]
     mine_way = mine.ideal(view.segments.end[segment]) - mine.ideal(view.segments.start[segment])
     begin, stop = (
-        theirs.ideal(each) for each in (eyes.views[1 - one].segments.start, eyes.views[1 - one].segments.end)
+        theirs.ideal(each) for each in (images.views[1 - one].segments.start, images.views[1 - one].segments.end)
     )
     row, on, _ = _met(at, np.array([[1.0, 0.0]]).repeat(len(at), 0), begin, stop - begin)
     unit, units = (each / np.linalg.norm(each, axis=1)[:, None] for each in (mine_way, stop - begin))

@@ -35,17 +35,19 @@ elsewhere, where the edge is off the face."""
 _OFFSETS_PX = np.arange(-REACH_PX - 0.5, REACH_PX + 1.0)
 
 
-def off_faces_px(solid: Polyhedron, pose: Array, eyes: StereoImages) -> float:
+def off_faces_px(solid: Polyhedron, pose: Array, images: StereoImages) -> float:
     """Length, px over both images, of edges within a part at cyclopean_from_part (4, 4) that are off its faces."""
-    facing = np.min([solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm], axis=0) > LEAST_FACING
+    facing = (
+        np.min([solid.facing(pose, viewpoint_mm) for viewpoint_mm in images.geometry.cameras_mm], axis=0) > LEAST_FACING
+    )
     if not facing.any():
         return 0.0
     maps = list[_FaceMap]()
-    for view, eye_mm in zip(eyes.views, eyes.geometry.eyes_mm, strict=True):
-        maps.append(_face_map(solid, pose, view, eye_mm))
+    for view, viewpoint_mm in zip(images.views, images.geometry.cameras_mm, strict=True):
+        maps.append(_face_map(solid, pose, view, viewpoint_mm))
         if _blank(view, maps[-1], facing):
             return 0.0
-    return sum(_off_in(solid, pose, eyes, facing, maps, one) for one in (0, 1))
+    return sum(_off_in(solid, pose, images, facing, maps, one) for one in (0, 1))
 
 
 class _FaceMap(NamedTuple):
@@ -64,15 +66,15 @@ class _FaceMap(NamedTuple):
         return found
 
 
-def _face_map(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> _FaceMap:
+def _face_map(solid: Polyhedron, pose: Array, view: CameraImage, viewpoint_mm: Array) -> _FaceMap:
     """The faces painted the farthest first, their borders over them."""
     points = frames.apply(pose, solid.corners_mm)
-    at = (view.eye.camera.project(points) - (SCALE - 1) / 2) / SCALE
+    at = (view.rectified.camera.project(points) - (SCALE - 1) / 2) / SCALE
     most = np.array(view.grey.shape[::-1]) // SCALE - 1
     low, high = (np.clip(np.rint(side).astype(np.intp), 0, most) for side in (at.min(0), at.max(0)))
     painted = np.full((high - low + 1)[::-1], -1, np.int32)
-    shown = np.flatnonzero(solid.facing(pose, eye_mm) > 0)
-    away = [np.linalg.norm(points[solid.rings[k]].mean(0) - eye_mm) for k in shown.tolist()]
+    shown = np.flatnonzero(solid.facing(pose, viewpoint_mm) > 0)
+    away = [np.linalg.norm(points[solid.rings[k]].mean(0) - viewpoint_mm) for k in shown.tolist()]
     rings = [np.rint(at[solid.rings[k]] - low).astype(np.int32) for k in shown.tolist()]
     for place in np.argsort(away)[::-1].tolist():
         cv2.fillPoly(painted, [rings[place]], int(shown[place]))
@@ -88,22 +90,24 @@ def _blank(view: CameraImage, seen: _FaceMap, facing: Flags) -> bool:
     return int((strong & np.append(facing, False)[seen.face]).sum()) < FEWEST
 
 
-def _off_in(solid: Polyhedron, pose: Array, eyes: StereoImages, facing: Flags, maps: list[_FaceMap], one: int) -> float:
+def _off_in(
+    solid: Polyhedron, pose: Array, images: StereoImages, facing: Flags, maps: list[_FaceMap], one: int
+) -> float:
     """Length, px, of the edges that one image shows and the other has off the faces."""
-    view, other, geometry = eyes.views[one], eyes.views[1 - one], eyes.geometry
+    view, other, geometry = images.views[one], images.views[1 - one], images.geometry
     at, way, length_px = _pieces(view, maps[one], facing)
     face = maps[one].at(at)
     places = [_on_plane(solid, pose, view, face, at + step * way) for step in (-PIECE_PX / 2, 0.0, PIECE_PX / 2)]
     start, there, end = (geometry.project(points)[1 - one] for points in places)
-    aside = np.add(there, [1 / other.eye.focal_px, 0.0])
-    px, begins, ends, moved = (other.eye.pixels(ideal) for ideal in (there, start, end, aside))
+    aside = np.add(there, [1 / other.rectified.focal_px, 0.0])
+    px, begins, ends, moved = (other.rectified.pixels(ideal) for ideal in (there, start, end, aside))
     normal, theirs = across(at, at + way), across(begins, ends)
     seen = (maps[1 - one].at(px) == face) & (np.abs(((moved - px) * theirs).sum(1)) > ACROSS)
     seen &= ((px > REACH_PX) & (px < np.array(other.grey.shape[::-1]) - 1 - REACH_PX)).all(1)
     if not solid.convex:
         part_from_cyclopean = frames.inverse(pose)
-        eye = frames.apply(part_from_cyclopean, geometry.eyes_mm[one][None])[0]
-        seen &= ~hidden(solid, frames.apply(part_from_cyclopean, places[1]), eye)
+        viewpoint = frames.apply(part_from_cyclopean, geometry.cameras_mm[one][None])[0]
+        seen &= ~hidden(solid, frames.apply(part_from_cyclopean, places[1]), viewpoint)
     mine = slopes_across(levels_across(view.smooth, at[seen], normal[seen], _OFFSETS_PX[REACH_PX - 1 : -REACH_PX + 1]))
     found = slopes_across(levels_across(other.smooth, px[seen], theirs[seen], _OFFSETS_PX))
     slope = np.take_along_axis(mine, np.abs(mine).argmax(1)[:, None], 1)
@@ -131,7 +135,7 @@ def _pieces(view: CameraImage, seen: _FaceMap, facing: Flags) -> tuple[Array, Ar
 
 def _on_plane(solid: Polyhedron, pose: Array, view: CameraImage, face: Index, px: Array) -> Array:
     """(N, 3) mm, cyclopean: where the sights of pixels (N, 2) meet the planes of faces (N,)."""
-    camera = view.eye.camera
+    camera = view.rectified.camera
     turn, centre = camera.cyclopean_from_camera[:3, :3], camera.cyclopean_from_camera[:3, 3]
     ray = np.concatenate([camera.normalised(px), np.ones((len(px), 1))], 1) @ turn.T
     normal = (solid.normals @ pose[:3, :3].T)[face]

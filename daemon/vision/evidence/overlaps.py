@@ -29,7 +29,7 @@ rim of a table or a shadow, which costs a search."""
 
 
 def without_overlaps(
-    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: StereoImages
+    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, images: StereoImages
 ) -> tuple[tuple[Recognised, ...], FacetView]:
     """What was found with more named parts, those left out that lie where one was named; and the view with the groups
     and refused outlines that are left.
@@ -38,8 +38,8 @@ def without_overlaps(
     make by chance is likelier than a part of which one facet shows.
     """
     named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
-    taken = [covered(r, model, eyes) for r in named]
-    new = [(r, covered(r, model, eyes)) for r in more]
+    taken = [covered(r, model, images) for r in named]
+    new = [(r, covered(r, model, images)) for r in more]
     new = [(r, shape) for r, shape in new if not any(shape.covers(other) > COVERED for other in taken)]
 
     def theirs(facet: Facet, alone: bool) -> bool:
@@ -51,7 +51,7 @@ def without_overlaps(
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     before = (*named, *(r for r, _ in new))
-    holes = partial(hole_nats, eyes=eyes, tolerance_mm=model.parameters.tolerance_mm)
+    holes = partial(hole_nats, images=images, tolerance_mm=model.parameters.tolerance_mm)
     known = joined((*before, *rest), model, holes)
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
@@ -71,16 +71,16 @@ def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
     return False
 
 
-def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model, eyes: StereoImages) -> bool:
-    """Whether something was found and all of it has a name, and whatever else both eyes outline lies where that is; and
-    where little but parts shows edges, so do all strong ones."""
+def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model, images: StereoImages) -> bool:
+    """Whether something was found and all of it has a name, and whatever else both cameras outline lies where that is;
+    and where little but parts shows edges, so do all strong ones."""
     if not found or not all(one.named for one in found):
         return False
-    taken = [covered(one, model, eyes) for one in found]
+    taken = [covered(one, model, images) for one in found]
     rest = [PlanarShape.of(one.corners_px) for one in view.rejected if one.unexplained]
     if not all(any(shape.common(own) > COVERED * shape.area for own in taken) for shape in rest):
         return False
-    return not eyes.uncluttered(VisionSettings()) or _strong_beside_px2(taken, eyes.left) < LEFT_PX2
+    return not images.uncluttered(VisionSettings()) or _strong_beside_px2(taken, images.left) < LEFT_PX2
 
 
 def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float:
@@ -100,16 +100,16 @@ def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float
     return float(SCALE**2 * area[inside].sum())
 
 
-def covered(one: Recognised, model: Model, eyes: StereoImages) -> PlanarShape:
-    """What a named part covers in the left eye."""
+def covered(one: Recognised, model: Model, images: StereoImages) -> PlanarShape:
+    """What a named part covers in the left camera."""
     corners = frames.apply(one.part.cyclopean_from_part, model.metric[one.label].solid.corners_mm)
-    return PlanarShape.hull(eyes.left.eye.camera.project(corners))
+    return PlanarShape.hull(images.left.rectified.camera.project(corners))
 
 
 def _covers(group: Group, outline: Rejected) -> bool:
     shape = PlanarShape.of(outline.corners_px)
     return any(
-        shape.covers(PlanarShape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED
+        shape.covers(PlanarShape.of(f.right_px if outline.camera == "right" else f.left_px)) > COVERED
         for f in group.facets
     )
 

@@ -1,8 +1,8 @@
-"""Whether both eyes show the same print on the faces of a part: what is flat and there looks alike in both.
+"""Whether both cameras show the same print on the faces of a part: what is flat and there looks alike in both.
 
 A guess that has the edges by chance lays its faces through thin air, and what shows there lies elsewhere in the other
-eye. Faces without print say nothing, and no more do places where a hole is in the face or the part itself is before it:
-what shows there is not flat. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
+camera. Faces without print say nothing, and no more do places where a hole is in the face or the part itself is before
+it: what shows there is not flat. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ FEWEST, ENOUGH = 12, 1600
 """Places on a face: fewer say nothing, and on a large face more need not be asked."""
 NEARLY, AGREES, MUCH_LESS = 0.7, 0.96, 0.35
 """How alike print is where edges have it that are a little off: what is less alike is something else; how alike where
-it is; and by how much less it may differ there. Of pairs of a real printed cube with an eye turned in by .2 to .5
+it is; and by how much less it may differ there. Of pairs of a real printed cube with a camera turned in by .2 to .5
 degrees, where no name is given, half say so; of pairs as calibrated, and of 112 rendered scenes, none."""
 TRIED_PX = (-6.0, -4.5, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.5, 6.0)
 LEAST_PRINT = 25.0
@@ -31,19 +31,19 @@ LEAST_PRINT = 25.0
 def face_consistency(
     solid: Polyhedron,
     pose: Array,
-    eyes: StereoImages,
+    images: StereoImages,
     apart_px: float = 0.0,
     covered: Sequence[Sequence[PlanarShape]] = ((), ()),
 ) -> float | None:
-    """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
+    """How alike the print is that both cameras show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there, along
-    epipolar lines, the eyes have it. covered: what something nearer covers, in the left and in the right image."""
+    epipolar lines, the cameras have it. covered: what something nearer covers, in the left and in the right image."""
     total = apart = count = 0.0
-    most = np.array(eyes.rig.image_size) - 1
+    most = np.array(images.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
         on_face = _on_face(solid, index)
         ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], on_face))
-        borders, seen = (_seen(points, eyes, apart_px) for points in (ring, places))
+        borders, seen = (_seen(points, images, apart_px) for points in (ring, places))
         within = [
             (PlanarShape.of(own).depth(px) > MARGIN_PX)
             & ((px > 0) & (px < most)).all(1)
@@ -52,30 +52,30 @@ def face_consistency(
         ]
         keep = np.all(within, axis=0)
         if keep.sum() >= FEWEST:
-            keep[keep] = _bare(solid, index, on_face[keep], pose, eyes)
+            keep[keep] = _bare(solid, index, on_face[keep], pose, images)
         if keep.sum() < FEWEST:
             continue
-        left, right = (_print(view.grainless, px[keep]) for view, px in zip(eyes.views, seen, strict=True))
+        left, right = (_print(view.grainless, px[keep]) for view, px in zip(images.views, seen, strict=True))
         total += float(left @ left + right @ right) / 2
         apart += float((left - right) @ (left - right)) / 2
         count += len(left)
     return None if total <= LEAST_PRINT * count else 1.0 - apart / total
 
 
-def print_apart_px(solid: Polyhedron, pose: Array, eyes: StereoImages) -> float:
-    """By how many px along epipolar lines print lies apart in the eyes from where a part's edges, at a pose (4, 4),
+def print_apart_px(solid: Polyhedron, pose: Array, images: StereoImages) -> float:
+    """By how many px along epipolar lines print lies apart in the cameras from where a part's edges, at a pose (4, 4),
     have it; 0 where it agrees, or where nobody can tell."""
-    here = face_consistency(solid, pose, eyes)
+    here = face_consistency(solid, pose, images)
     if here is None or not NEARLY < here < AGREES:
         return 0.0
-    there = [(face_consistency(solid, pose, eyes, by) or 0.0, by) for by in TRIED_PX]
+    there = [(face_consistency(solid, pose, images, by) or 0.0, by) for by in TRIED_PX]
     most, by = max(there)
     return by if most > AGREES and 1 - most < MUCH_LESS * (1 - here) else 0.0
 
 
-def _seen(points: Array, eyes: StereoImages, apart_px: float) -> tuple[Array, Array]:
-    """Where either eye has points (N, 3) that are so much farther apart in both, (N, 2) px each."""
-    geometry = eyes.geometry
+def _seen(points: Array, images: StereoImages, apart_px: float) -> tuple[Array, Array]:
+    """Where either camera has points (N, 3) that are so much farther apart in both, (N, 2) px each."""
+    geometry = images.geometry
     left, right = geometry.project(points)
     shift = np.array([apart_px / geometry.right.focal_px, 0.0])
     return geometry.left.pixels(left), geometry.right.pixels(right + shift)
@@ -91,8 +91,8 @@ def _on_face(solid: Polyhedron, index: int) -> Array:
     return frames.apply(frames.inverse(flat_from_part), places)
 
 
-def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, eyes: StereoImages) -> Flags:
-    """(N,) whether both eyes see the facet itself at and about places (N, 3) on it, in the solid's frame: no hole in
+def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, images: StereoImages) -> Flags:
+    """(N,) whether both cameras see the facet itself at and about places (N, 3) on it, in the solid's frame: no hole in
     it, and nothing of the part before it."""
     flat_from_part = solid.laid_flat[index]
     flat = frames.apply(flat_from_part, places)
@@ -101,12 +101,12 @@ def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, eyes: Stere
         if hole.facet == index:
             broken |= inside(flat[:, :2], frames.apply(flat_from_part, hole.ring_mm)[None, :, :2])[0]
     if not solid.convex:
-        for eye_mm in frames.apply(frames.inverse(pose), np.stack(eyes.geometry.eyes_mm)):
-            broken |= hidden(solid, places, eye_mm)
+        for viewpoint_mm in frames.apply(frames.inverse(pose), np.stack(images.geometry.cameras_mm)):
+            broken |= hidden(solid, places, viewpoint_mm)
     if not broken.any():
         return ~broken
     away_mm = float(np.linalg.norm(frames.apply(pose, solid.centres_mm[index][None])))
-    margin_mm = SPACING_MM + MARGIN_PX * away_mm / eyes.geometry.left.focal_px
+    margin_mm = SPACING_MM + MARGIN_PX * away_mm / images.geometry.left.focal_px
     return np.asarray(apart2(flat, flat[broken]).min(1) > margin_mm**2)
 
 

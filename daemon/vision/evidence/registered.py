@@ -39,15 +39,15 @@ BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -3.0
 share of what there could be; and what is left. A logistic regression on parts
 laid in 235 rendered and photographed looks with their own part taught and without it, 64 parts taught in some."""
 ON_TABLE = {True: 4.0, False: -3.0, None: 0.0}
-"""What it adds to them that a part lies on the table that both eyes see, or does not; None: nobody knows. Of guesses in
-those looks that were worth -2 and more without it, 288 of 295 true ones lay on it and none of 33 false ones."""
+"""What it adds to them that a part lies on the table that both cameras see, or does not; None: nobody knows. Of guesses
+in those looks that were worth -2 and more without it, 288 of 295 true ones lay on it and none of 33 false ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; left_px (K, 2): its corners in the left eye; tries: of how many at
-    one guess it is the best; rests: whether it lies on the table, where that is seen."""
+    evidence and their share of what there could be; left_px (K, 2): its corners in the left camera; tries: of how many
+    at one guess it is the best; rests: whether it lies on the table, where that is seen."""
 
     label: str
     solid: Polyhedron
@@ -61,7 +61,7 @@ class RegisteredPart:
 
     @cached_property
     def covers(self) -> PlanarShape:
-        """What it covers in the left eye."""
+        """What it covers in the left camera."""
         return PlanarShape.hull(self.left_px)
 
     @property
@@ -70,9 +70,9 @@ class RegisteredPart:
         by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
         return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
 
-    def without_hidden(self, eyes: StereoImages) -> RegisteredPart:
+    def without_hidden(self, images: StereoImages) -> RegisteredPart:
         """The same without the stretches of its edges that something nearer hides."""
-        hidden = hidden_of(self.solid, self.pose, eyes, edge_places(self.solid, self.pose, eyes))
+        hidden = hidden_of(self.solid, self.pose, images, edge_places(self.solid, self.pose, images))
         if not any(one.any() for one in hidden.places):
             return self
         left, right = (_but_for(seen, self.solid, one) for seen, one in zip(self.seen, hidden.places, strict=True))
@@ -97,18 +97,18 @@ def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterato
         return
     laid = SolidBatch.of([search.model.metric[one.label].solid for one in likely])
     tolerance = search.model.parameters.tolerance_mm
-    poses = aligned_to_edges(laid, search.eyes, np.stack([one.pose for one in likely]), tolerance)
+    poses = aligned_to_edges(laid, search.images, np.stack([one.pose for one in likely]), tolerance)
     yield from registered_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
 
 
 def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
     """Parts laid where they are said to be."""
-    eyes, model, ground = search.eyes, search.model, search.ground
+    images, model, ground = search.images, search.model, search.ground
     solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
     laid, tolerance = SolidBatch.of(solids), model.parameters.tolerance_mm
-    seen = edge_samples_of(laid, eyes, poses, tolerance)
+    seen = edge_samples_of(laid, images, poses, tolerance)
     corners = laid.corners_mm @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
-    left_px = eyes.left.eye.camera.project(corners).reshape(*corners.shape[:2], 2)
+    left_px = images.left.rectified.camera.project(corners).reshape(*corners.shape[:2], 2)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
         rests = None if ground is None else lies_on_support(ground, solid, pose)
@@ -126,12 +126,12 @@ class MeasuredPart(NamedTuple):
 
 
 def measured_at(
-    solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model, samples: Sequence[EdgeSamples] = ()
+    solid: Polyhedron, pose: Array, images: StereoImages, model: Model, samples: Sequence[EdgeSamples] = ()
 ) -> MeasuredPart:
     """A part measured that is near a pose (4, 4) cyclopean_from_part; samples: what stretches show at the pose, where
     that was asked already."""
-    fit, observed = fit_at(solid, eyes, pose, model.parameters.tolerance_mm, samples)
+    fit, observed = fit_at(solid, images, pose, model.parameters.tolerance_mm, samples)
     laid = facets_laid(solid, observed)
-    facets = triangulate([(one.left, one.right) for one in laid], eyes.geometry)
+    facets = triangulate([(one.left, one.right) for one in laid], images.geometry)
     numbers = [one.index for one in laid]
     return MeasuredPart(fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library), observed)

@@ -39,8 +39,8 @@ edges give parts with twins that differ in a side this leaves 89 right and one w
 
 
 def by_own_edges(one: Sequence[EdgeSamples], other: Sequence[EdgeSamples]) -> float:
-    """By how many nats the edges that only one has, in either eye, speak more for it than those that only the other has
-    speak for that."""
+    """By how many nats the edges that only one has, in either camera, speak more for it than those that only the other
+    has speak for that."""
     return sum(_alone(a, b) - _alone(b, a) for a, b in zip(one, other, strict=True))
 
 
@@ -58,21 +58,21 @@ def _alone(one: EdgeSamples, other: EdgeSamples) -> float:
     return float(one.nats_of(~shared).sum())
 
 
-def cut_off(solid: Polyhedron, pose: Array, eyes: StereoImages) -> bool:
-    """Whether a part at cyclopean_from_part (4, 4) leaves the picture of either eye."""
-    most = np.array(eyes.rig.image_size) - 1
-    seen = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
+def cut_off(solid: Polyhedron, pose: Array, images: StereoImages) -> bool:
+    """Whether a part at cyclopean_from_part (4, 4) leaves the picture of either camera."""
+    most = np.array(images.rig.image_size) - 1
+    seen = pixels(frames.apply(pose, solid.corners_mm), images.geometry)
     return any(bool(((px < 0) | (px > most)).any()) for px in seen)
 
 
 def ahead_of_sizes(
-    solid: Polyhedron, pose: Array, seen: Sequence[EdgeSamples], eyes: StereoImages, tolerance_mm: float
+    solid: Polyhedron, pose: Array, seen: Sequence[EdgeSamples], images: StereoImages, tolerance_mm: float
 ) -> float:
-    """By how many nats what both eyes show at a pose (4, 4) speaks more for a part than for the same part longer or
+    """By how many nats what both cameras show at a pose (4, 4) speaks more for a part than for the same part longer or
     shorter there, whichever is nearest to it."""
     sizes = in_sizes(solid)
     laid = SolidBatch.of(sizes)
-    both = edge_samples_of(laid, eyes, pose[None].repeat(len(sizes), 0), tolerance_mm)
+    both = edge_samples_of(laid, images, pose[None].repeat(len(sizes), 0), tolerance_mm)
     return min(by_own_edges(seen, [one.only(k, laid) for one in both]) for k in range(len(sizes)))
 
 
@@ -83,15 +83,15 @@ class UntaughtRival(NamedTuple):
     how: str = ""
 
 
-def untaught_rival(solid: Polyhedron, pose: Array, eyes: StereoImages, both: Sequence[EdgePlaces]) -> UntaughtRival:
+def untaught_rival(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> UntaughtRival:
     """What the edges that only a near-duplicate has speak more for it than those that only the part has speak for that,
     at cyclopean_from_part (4, 4), whichever near-duplicate is ahead; both: what both images show along its edges."""
-    others = near_duplicates(solid, pose, eyes, both)
+    others = near_duplicates(solid, pose, images, both)
     if not others:
         return UntaughtRival()
     laid = SolidBatch.of([solid, *(one.solid for one in others)])
     poses = pose[None].repeat(len(others) + 1, 0)
-    shown = edge_samples_of(laid, eyes, poses, TOLERANCE_MM, BY_OUTLINE_PX)
+    shown = edge_samples_of(laid, images, poses, TOLERANCE_MM, BY_OUTLINE_PX)
     own, *theirs = ([seen.only(k, laid) for seen in shown] for k in range(len(others) + 1))
     ahead = [by_own_edges(seen, own) for seen in theirs]
     best = int(np.argmax(ahead))
@@ -125,12 +125,12 @@ class NearDuplicate(NamedTuple):
 
 
 def near_duplicates(
-    solid: Polyhedron, pose: Array, eyes: StereoImages, both: Sequence[EdgePlaces]
+    solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]
 ) -> list[NearDuplicate]:
     """All that a part at cyclopean_from_part (4, 4) could be taken for; mirror images where they keep most of what the
     left camera sees of it, and corners cut where both images lack the ends of its edges."""
     kinds = (
-        ("mirrored", _mirrored(solid, pose, eyes)),
+        ("mirrored", _mirrored(solid, pose, images)),
         ("with a tip the other way", inverted_corners(solid)),
         ("with a cut corner whole", completed_corners(solid)),
         ("with a corner cut off", cut_corners(solid, both)),
@@ -138,13 +138,15 @@ def near_duplicates(
     return [NearDuplicate(one, how) for how, solids in kinds for one in solids]
 
 
-def _mirrored(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Polyhedron]:
+def _mirrored(solid: Polyhedron, pose: Array, images: StereoImages) -> list[Polyhedron]:
     """The mirror images that keep most of what the left camera sees of a part at cyclopean_from_part (4, 4)."""
-    images = mirror_images(solid)
-    if not images:
+    mirrored = mirror_images(solid)
+    if not mirrored:
         return []
-    shown_mm2 = np.maximum(solid.facing(pose, eyes.geometry.eyes_mm[0]), 0.0) * np.linalg.norm(solid.areas_mm2, axis=1)
-    best = sorted(images, key=lambda one: -float(shown_mm2 @ one.kept))[:MIRRORED]
+    shown_mm2 = np.maximum(solid.facing(pose, images.geometry.cameras_mm[0]), 0.0) * np.linalg.norm(
+        solid.areas_mm2, axis=1
+    )
+    best = sorted(mirrored, key=lambda one: -float(shown_mm2 @ one.kept))[:MIRRORED]
     return [one.solid for one in best if shown_mm2 @ one.kept > 0]
 
 

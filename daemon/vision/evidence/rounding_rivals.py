@@ -76,7 +76,7 @@ def nats_of(borders: list[BorderSeen]) -> float:
 
 
 def borders_seen(
-    one: Polyhedron, other: Polyhedron, one_from_other: Array, pose: Array, eyes: StereoImages
+    one: Polyhedron, other: Polyhedron, one_from_other: Array, pose: Array, images: StereoImages
 ) -> list[BorderSeen]:
     """What both cameras show where two parts differ in how round a corner is, at cyclopean_from_one (4, 4)."""
     found = []
@@ -84,13 +84,13 @@ def borders_seen(
         round_one = own.tangent_mm > theirs.tangent_mm
         bend, solid = (own, one) if round_one else (theirs, other)
         there = pose if round_one else pose @ one_from_other
-        for view, eye_mm in zip(eyes.views, eyes.geometry.eyes_mm, strict=True):
-            if solid.facing(there, eye_mm)[bend.facet] < LEAST_FACING:
+        for view, viewpoint_mm in zip(images.views, images.geometry.cameras_mm, strict=True):
+            if solid.facing(there, viewpoint_mm)[bend.facet] < LEAST_FACING:
                 continue
-            seen = stay_of(solid, bend, bend.tangent_mm, there, view, eye_mm)
+            seen = stay_of(solid, bend, bend.tangent_mm, there, view, viewpoint_mm)
             if seen is None:
                 continue
-            camera = view.eye.camera
+            camera = view.rectified.camera
             px = camera.project(frames.apply(there, bend.corner_mm[None]))
             one_px, other_px = (
                 seen.expected_px(camera.project(frames.apply(there, bend.curve_mm(each.tangent_mm))) - px)
@@ -123,7 +123,7 @@ class _Rival(NamedTuple):
     nats: float
 
 
-def told_by_rounding(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
+def told_by_rounding(one: Recognised, model: Model, images: StereoImages) -> Recognised:
     """A named part as that of its shape of which its corners are; without its name where they do not tell."""
     pose, rivals, rounder = one.part.cyclopean_from_part, list[_Rival](), list[str]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
@@ -134,7 +134,7 @@ def told_by_rounding(one: Recognised, model: Model, eyes: StereoImages) -> Recog
             continue
         for motion in rounded_alike(own, solid):
             rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
-            borders = borders_seen(own, solid, motion, pose, eyes)
+            borders = borders_seen(own, solid, motion, pose, images)
             if borders:
                 rivals.append(_Rival(label, pose @ motion, -nats_of(borders)))
     if not rivals and rounder:  # a sharp facet is found in a rounded one, and not the other way round
@@ -147,7 +147,7 @@ def told_by_rounding(one: Recognised, model: Model, eyes: StereoImages) -> Recog
         return one
     others = [r.nats for r in rivals if r.label != ahead.label]
     if ahead.nats > APART and ahead.nats - max(others, default=-np.inf) > APART:
-        return _renamed(one, ahead, model, eyes)
+        return _renamed(one, ahead, model, images)
     why = f"may be {one.label} or {ahead.label}: how round its corners are does not tell"
     return without_name(one, why, one.part.recognition.confidence / (1 + float(np.exp(ahead.nats))), model)
 
@@ -178,10 +178,10 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
     return motions_onto(*sharp)
 
 
-def _renamed(one: Recognised, rival: _Rival, model: Model, eyes: StereoImages) -> Recognised:
+def _renamed(one: Recognised, rival: _Rival, model: Model, images: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
     solid = model.metric[rival.label].solid
-    fit, numbers, facets, _ = measured_at(solid, rival.pose, eyes, model)
+    fit, numbers, facets, _ = measured_at(solid, rival.pose, images, model)
     if not numbers:
         return without_name(one, f"may be {one.label} or {rival.label}", one.part.recognition.confidence, model)
     pose = fit.cyclopean_from_part

@@ -52,15 +52,15 @@ class _Plane:
     axes: Array
     px_mm: float
 
-    def down(self, ideal: Array, eye: int, geometry: Baseline) -> Array:
+    def down(self, ideal: Array, camera: int, geometry: Baseline) -> Array:
         """(N, 2) mm where rays through ideal coordinates (N, 2) of the left (0) or right (1) camera meet it."""
         turn = geometry.cyclopean_from_baseline
         rays = ideal @ turn[:, :2].T + turn[:, 2]
         normal = np.cross(*self.axes)
-        from_eye = self.origin - geometry.eyes_mm[eye]
+        from_camera = self.origin - geometry.cameras_mm[camera]
         facing = rays @ normal
         facing = np.where(np.abs(facing) < 1e-9, 1e-9, facing)
-        return np.asarray((rays * (from_eye @ normal / facing)[:, None] - from_eye) @ self.axes.T)
+        return np.asarray((rays * (from_camera @ normal / facing)[:, None] - from_camera) @ self.axes.T)
 
     def up(self, points: Array) -> Array:
         """(N, 2) mm in it to (N, 3)."""
@@ -94,19 +94,19 @@ class _Ring:
     gap_mm: float
 
 
-def round_facets(eyes: StereoImages) -> list[Candidate]:
+def round_facets(images: StereoImages) -> list[Candidate]:
     """Facets that circles bound, alone or with straight sides."""
-    circles = circles_seen(eyes)
+    circles = circles_seen(images)
     found, used = list[Candidate](), set[int]()
-    segments = [joined(view.segments) for view in eyes.views] if circles else []
+    segments = [joined(view.segments) for view in images.views] if circles else []
     for k, circle in enumerate(circles):
         if k in used:
             continue
         own = [j for j, one in enumerate(circles) if j not in used and _in_plane(one, circle)]
-        plane = _plane([circles[j] for j in own], eyes.geometry)
-        arcs = [_arc(circles[j], plane, eyes.geometry) for j in own]
-        ring = _ring(arcs[own.index(k)], arcs, _sides_in(plane, segments, eyes.geometry), plane.px_mm)
-        one = _candidate(ring, plane, eyes) if ring is not None else None
+        plane = _plane([circles[j] for j in own], images.geometry)
+        arcs = [_arc(circles[j], plane, images.geometry) for j in own]
+        ring = _ring(arcs[own.index(k)], arcs, _sides_in(plane, segments, images.geometry), plane.px_mm)
+        one = _candidate(ring, plane, images) if ring is not None else None
         if one is not None and ring is not None:
             found.append(one)
             used |= {j for j, arc in zip(own, arcs, strict=True) if any(arc is one for one in ring.elements)}
@@ -145,8 +145,8 @@ def _in_plane(one: SeenCircle, other: SeenCircle) -> bool:
 def _arc(circle: SeenCircle, plane: _Plane, geometry: Baseline) -> _Arc:
     """What either camera shows of a circle."""
     centre = (circle.centre_mm - plane.origin) @ plane.axes.T
-    eyes = (circle.left, geometry.left), (circle.right, geometry.right)
-    seen = [plane.down(eye.ideal(one.places), k, geometry) - centre for k, (one, eye) in enumerate(eyes)]
+    images = (circle.left, geometry.left), (circle.right, geometry.right)
+    seen = [plane.down(camera.ideal(one.places), k, geometry) - centre for k, (one, camera) in enumerate(images)]
     angle = np.sort(np.arctan2(*np.concatenate(seen).T[::-1]))
     gaps = np.diff(angle, append=angle[0] + 2 * np.pi)
     widest = int(gaps.argmax())
@@ -160,7 +160,8 @@ def _sides_in(plane: _Plane, segments: Sequence[Segments], geometry: Baseline) -
     cameras = enumerate((geometry.left, geometry.right))
     ends = (np.stack([own.start, own.end], 1).reshape(-1, 2) for own in segments)
     left, right = (
-        plane.down(eye.ideal(own), k, geometry).reshape(-1, 2, 2) for (k, eye), own in zip(cameras, ends, strict=True)
+        plane.down(camera.ideal(own), k, geometry).reshape(-1, 2, 2)
+        for (k, camera), own in zip(cameras, ends, strict=True)
     )
     ways = [own[:, 1] - own[:, 0] for own in (left, right)]
     lengths = [np.maximum(np.linalg.norm(way, axis=1), 1e-9) for way in ways]
@@ -268,9 +269,9 @@ def _on_arc(arc: _Arc, side: Array, angle: float, px_mm: float) -> Array | None:
     return min(ways, key=lambda at: _turn_to(arc, angle, at))
 
 
-def _candidate(ring: _Ring, plane: _Plane, eyes: StereoImages) -> Candidate | None:
+def _candidate(ring: _Ring, plane: _Plane, images: StereoImages) -> Candidate | None:
     """The facet that a ring bounds, its straight sides measured between pixels; None where they do not show."""
-    geometry = eyes.geometry
+    geometry = images.geometry
     whole = sum(map(_length, ring.elements))
     if ring.gap_mm > (1 - LEAST_SEEN) * whole:
         return None
@@ -281,12 +282,12 @@ def _candidate(ring: _Ring, plane: _Plane, eyes: StereoImages) -> Candidate | No
         corners, element, arcs = outline
         on_plane = plane.up(corners)
         ideal = geometry.project(on_plane)
-        px = [eye.pixels(own) for eye, own in zip((geometry.left, geometry.right), ideal, strict=True)]
+        px = [camera.pixels(own) for camera, own in zip((geometry.left, geometry.right), ideal, strict=True)]
         count = len(corners)
         start, end = (np.concatenate([np.roll(own, -turn, axis=0) for own in px]) for turn in (0, 1))
         if np.hypot(*(end - start).T).min() < SHORTEST_PX:
             return None
-        fitted = fit_sides([(view.exposure, count) for view in eyes.views], start, end)
+        fitted = fit_sides([(view.exposure, count) for view in images.views], start, end)
         if fitted.support.min() < LEAST_SUPPORT:
             return None
         ring = _measured(ring, element, fitted, plane, geometry)
@@ -339,7 +340,9 @@ def _measured(ring: _Ring, element: Sequence[int], fitted: Sides, plane: _Plane,
     count = len(element)
     ends = np.stack([fitted.start, fitted.end], 1).reshape(2, -1, 2)
     cameras = enumerate((geometry.left, geometry.right))
-    laid = np.mean([plane.down(eye.ideal(ends[k]), k, geometry) for k, eye in cameras], axis=0).reshape(count, 2, 2)
+    laid = np.mean([plane.down(camera.ideal(ends[k]), k, geometry) for k, camera in cameras], axis=0).reshape(
+        count, 2, 2
+    )
     moved = list(ring.elements)
     for k, own in enumerate(element):
         if not isinstance(moved[own], _Arc):

@@ -92,14 +92,16 @@ def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]
     return found
 
 
-def uncontradicted(facets: list[Pieces], moved: list[Array], outlines: list[list[Ring]], eyes: Array) -> list[Pieces]:
+def uncontradicted(
+    facets: list[Pieces], moved: list[Array], outlines: list[list[Ring]], viewpoints: Array
+) -> list[Pieces]:
     """The sets without those that more looks deny than saw them, the most denied one left out first. A look denies a
     facet that is turned to it when it saw another one where that is, or through it: such a facet was put together
-    wrongly in the look that it is of. eyes (L, 3) base: where the looks were taken from."""
+    wrongly in the look that it is of. cameras (L, 3) base: where the looks were taken from."""
     shapes = [[points[list(ring)] for ring in rings] for points, rings in zip(moved, outlines, strict=True)]
     kept = list(facets)
     while kept:
-        over = [_more_deny(kept, one, shapes, eyes) for one in kept]
+        over = [_more_deny(kept, one, shapes, viewpoints) for one in kept]
         worst = int(np.argmax(over))
         if over[worst] <= 0:
             break
@@ -107,31 +109,31 @@ def uncontradicted(facets: list[Pieces], moved: list[Array], outlines: list[list
     return kept
 
 
-def _more_deny(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], eyes: Array) -> int:
+def _more_deny(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], viewpoints: Array) -> int:
     """By how many more looks deny a facet than saw it."""
     saw = {look for look, _ in one}
     outline = shapes[one[0][0]][one[0][1]]
     denied = 0
-    for k, eye in enumerate(eyes):
+    for k, viewpoint in enumerate(viewpoints):
         if k not in saw:
             others = [shapes[look][ring] for other in facets if other is not one for look, ring in other if look == k]
-            denied += _denies(others, outline, eye)
+            denied += _denies(others, outline, viewpoint)
     return denied - len(saw)
 
 
-def _denies(others: list[Array], outline: Array, eye: Array) -> bool:
+def _denies(others: list[Array], outline: Array, viewpoint: Array) -> bool:
     """Whether one of the outlines (N, 3) that were seen from there lies where most of this one should be, or behind."""
-    if newell_normal(outline) @ (eye - outline.mean(0)) < FACING * np.linalg.norm(eye - outline.mean(0)):
+    if newell_normal(outline) @ (viewpoint - outline.mean(0)) < FACING * np.linalg.norm(viewpoint - outline.mean(0)):
         return False
     middle = outline.mean(0)
-    rays = np.vstack([middle, *(middle + depth * (outline - middle) for depth in DEPTHS)]) - eye
+    rays = np.vstack([middle, *(middle + depth * (outline - middle) for depth in DEPTHS)]) - viewpoint
     denied = np.zeros(len(rays), bool)
     for other in others:
         normal = newell_normal(other)
         towards = rays @ normal
-        share = np.divide((other.mean(0) - eye) @ normal, towards, out=np.zeros(len(rays)), where=towards < -1e-9)
+        share = np.divide((other.mean(0) - viewpoint) @ normal, towards, out=np.zeros(len(rays)), where=towards < -1e-9)
         axes = axes_in(normal)
-        hit = inside((eye + share[:, None] * rays) @ axes.T, (other @ axes.T)[None])[0]
+        hit = inside((viewpoint + share[:, None] * rays) @ axes.T, (other @ axes.T)[None])[0]
         denied |= hit & ((share - 1.0) * np.linalg.norm(rays, axis=1) > -GAP_MM)
     return bool(denied.mean() > 0.5)
 

@@ -1,4 +1,4 @@
-"""Facets that may be: polygons matched between the eyes, fitted, triangulated, weighed against each other.
+"""Facets that may be: polygons matched between the cameras, fitted, triangulated, weighed against each other.
 
 Matching is epipolar, ordered, facet-wise. D'Souza matches corner by corner inside an epipolar band (section 4.2.3) and
 loses its way where sides are short; whole facets, taken round their border in order, leave far fewer ways to be wrong.
@@ -24,12 +24,12 @@ COVERED = 0.25  # of the smaller: more than that, and the two cannot both be the
 _MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
 _PER_CORNER = 0.05  # of worth, that each corner must bring
 _SAME_UNION = 0.7  # of two outlines' union that both cover: much the same region
-_PER_PX = 0.1  # of worth, that a px of mismatch between the eyes takes
+_PER_PX = 0.1  # of worth, that a px of mismatch between the cameras takes
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A facet that may be: as fitted in both eyes (the right's corners in the left's order), in space, and its
+    """A facet that may be: as fitted in both cameras (the right's corners in the left's order), in space, and its
     worth.
     """
 
@@ -41,41 +41,42 @@ class Candidate:
     right_shape: PlanarShape
 
     def covers(self, other: Candidate) -> float:
-        """Greatest part, in either eye, of the smaller of the two that both cover."""
+        """Greatest part, in either camera, of the smaller of the two that both cover."""
         return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
 
 
-def outlines_of(eyes: StereoImages, settings: VisionSettings, *, in_one: bool) -> list[tuple[Outline, ...]]:
-    """The left and the right eye's outlines, best supported first; in_one: those as well that one eye alone shows."""
-    rough = [view.rough(settings) for view in eyes.views]
+def outlines_of(images: StereoImages, settings: VisionSettings, *, in_one: bool) -> list[tuple[Outline, ...]]:
+    """The left and the right camera's outlines, best supported first; in_one: those as well that one camera alone
+    shows."""
+    rough = [view.rough(settings) for view in images.views]
     if not in_one:
         left, right = ([p.corners for p in own] for own in rough)
-        both = in_both(left, right, eyes.geometry, settings)
+        both = in_both(left, right, images.geometry, settings)
         rough = [list(compress(own, there)) for own, there in zip(rough, both, strict=True)]
-    return outlines_near(list(zip(eyes.views, rough, strict=True)), settings)
+    return outlines_near(list(zip(images.views, rough, strict=True)), settings)
 
 
 def find_candidates(
-    outlines: Sequence[Sequence[Outline]], eyes: StereoImages, settings: VisionSettings
+    outlines: Sequence[Sequence[Outline]], images: StereoImages, settings: VisionSettings
 ) -> list[Candidate]:
-    """Pairs of the left and the right eye's outlines that fit along the epipolar lines, fitted and triangulated; of
+    """Pairs of the left and the right camera's outlines that fit along the epipolar lines, fitted and triangulated; of
     similar pairs only the best few.
     """
     left, right = outlines
-    matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
+    matches = match_polygons([o.corners for o in left], [o.corners for o in right], images.geometry, settings)
     matches = _best_few(matches, left, right)
-    asked = (eyes.left, [left[m.left] for m in matches]), (eyes.right, [right[m.right] for m in matches])
+    asked = (images.left, [left[m.left] for m in matches]), (images.right, [right[m.right] for m in matches])
     fitted = [
         (a, b.rolled(m.shift), min(left[m.left].support, right[m.right].support) - _PER_PX * m.cost)
         for m, a, b in zip(matches, *fits(asked), strict=True)
         if a is not None and b is not None
     ]
-    return [c for c in candidates(fitted, eyes.geometry) if c.facet.epipolar_px.max() < settings.max_epipolar_px]
+    return [c for c in candidates(fitted, images.geometry) if c.facet.epipolar_px.max() < settings.max_epipolar_px]
 
 
 def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baseline) -> list[Candidate]:
-    """Candidates of polygons in the left and the right eye whose corners correspond, each with how far its outlines are
-    seen, less what speaks against it.
+    """Candidates of polygons in the left and the right camera whose corners correspond, each with how far its outlines
+    are seen, less what speaks against it.
     """
     facets = triangulate([(left.polygon.measured, right.polygon.measured) for left, right, _ in fitted], geometry)
     found = []
@@ -106,14 +107,14 @@ def _best_few(matches: list[PolygonMatch], left: Sequence[Outline], right: Seque
 
 
 def _agreement(a: Fitted, b: Fitted) -> float:
-    """The least fraction of rows, over all sides of both eyes, that lie on their line."""
+    """The least fraction of rows, over all sides of both cameras, that lie on their line."""
     return float(min(a.sides.support.min(), b.sides.support.min()))
 
 
 def choose(
     candidates: list[Candidate], settings: VisionSettings
 ) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
-    """Of candidates that cover each other in either eye, the worthiest, one with arcs before one whose sides are all
+    """Of candidates that cover each other in either camera, the worthiest, one with arcs before one whose sides are all
     straight; and those refused, with the reason: one that is not flat is two facets."""
     chosen, refused = list[Candidate](), list[tuple[Candidate, str]]()
     for c in sorted(candidates, key=lambda c: (not c.facet.arcs, -c.worth)):
@@ -134,11 +135,11 @@ def _flatness_sigmas(facet: Facet) -> float:
 
 
 def triangulate(pairs: Sequence[tuple[MeasuredCorners, MeasuredCorners]], geometry: Baseline) -> list[Facet]:
-    """Facets whose corners are these in the left and in the right eye, in the same order."""
+    """Facets whose corners are these in the left and in the right camera, in the same order."""
     if not pairs:
         return []
-    shape, other = (rings([pair[eye][0] for pair in pairs]) for eye in (0, 1))
-    spread = (np.concatenate([pair[eye][1] for pair in pairs]) for eye in (0, 1))
+    shape, other = (rings([pair[camera][0] for pair in pairs]) for camera in (0, 1))
+    spread = (np.concatenate([pair[camera][1] for pair in pairs]) for camera in (0, 1))
     left, right = geometry.left.ideal(shape.corners), geometry.right.ideal(other.corners)
     corners = geometry.points(left, right)
     covariance = _triangulated_covariance(geometry, left, right, *spread)
@@ -198,7 +199,7 @@ def match_polygons(
     found = list[PolygonMatch]()
     for count in sorted(set(corners.tolist())):
         i, j = pairs[corners == count].T
-        a, b = (eye.corners[eye.first[own, None] + np.arange(count)] for eye, own in ((one, i), (other, j)))
+        a, b = (camera.corners[camera.first[own, None] + np.arange(count)] for camera, own in ((one, i), (other, j)))
         shift, cost = _best_shifts(a, b, geometry, settings)
         good = np.isfinite(cost)
         found += map(PolygonMatch, *(column[good].tolist() for column in (i, j, shift, cost)))
@@ -206,8 +207,8 @@ def match_polygons(
 
 
 def in_both(left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings) -> tuple[Flags, Flags]:
-    """Which rough polygons of the left (P,) and of the right eye (Q,) the other eye may have outlined as well: along
-    the epipolar lines one of its own spans as much, at a depth where parts may be.
+    """Which rough polygons of the left (P,) and of the right camera (Q,) the other camera may have outlined as well:
+    along the epipolar lines one of its own spans as much, at a depth where parts may be.
 
     left, right: corners (N, 2) px of each polygon.
     """
@@ -224,7 +225,7 @@ def in_both(left: list[Array], right: list[Array], geometry: Baseline, settings:
 
 @dataclass(frozen=True, eq=False)
 class _Ideal:
-    """P polygons of one eye in ideal coordinates: corners (M, 2), one's after the other's; first, count (P,); boxes
+    """P polygons of one camera in ideal coordinates: corners (M, 2), one's after the other's; first, count (P,); boxes
     (P, 4): the least x and y of each, the greatest x and y."""
 
     corners: Array
@@ -233,16 +234,16 @@ class _Ideal:
     boxes: Array
 
     @classmethod
-    def of(cls, polygons: list[Array], eye: RectifiedCamera) -> _Ideal:
+    def of(cls, polygons: list[Array], camera: RectifiedCamera) -> _Ideal:
         """polygons: corners (N, 2) px of each."""
-        corners, count = eye.ideal(np.concatenate(polygons)), np.array([len(p) for p in polygons])
+        corners, count = camera.ideal(np.concatenate(polygons)), np.array([len(p) for p in polygons])
         first = count.cumsum() - count
         boxes = np.concatenate([extreme.reduceat(corners, first) for extreme in (np.minimum, np.maximum)], 1)
         return cls(corners, first, count, boxes)
 
 
 def _best_shifts(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[Index, Array]:
-    """For P pairs of polygons with as many corners, ideal coordinates (P, N, 2) in the left and the right eye: the
+    """For P pairs of polygons with as many corners, ideal coordinates (P, N, 2) in the left and the right camera: the
     shift of the cheapest match (P,) and its cost in px (P,), infinite where none is possible."""
     nearest, farthest = settings.depth_range_mm
     pairs, n = a.shape[:2]

@@ -44,13 +44,13 @@ class SeenCircle(NamedTuple):
     right: Ellipse
 
 
-def circles_seen(eyes: StereoImages, radii_mm: Array | None = None) -> list[SeenCircle]:
+def circles_seen(images: StereoImages, radii_mm: Array | None = None) -> list[SeenCircle]:
     """The circles of about some radii (R,) mm, or of any, whose images are ellipses in both cameras, the best seen
     first."""
-    geometry = eyes.geometry
-    if (radii_mm is not None and not len(radii_mm)) or not all(view.ellipses for view in eyes.views):
+    geometry = images.geometry
+    if (radii_mm is not None and not len(radii_mm)) or not all(view.ellipses for view in images.views):
         return []
-    left, right = (_InIdeal.of(view.ellipses, view.eye) for view in eyes.views)
+    left, right = (_InIdeal.of(view.ellipses, view.rectified) for view in images.views)
     i, j = _could_be_one(left, right, radii_mm, geometry)
     left, right = left.chosen(i), right.chosen(j)
     near, meet = _where_rays_meet(left, right, geometry)
@@ -73,31 +73,31 @@ class _InIdeal(NamedTuple):
     half of its width and height (N, 2); reach (N,) the farthest point's distance from the middle."""
 
     found: list[Ellipse]
-    eye: RectifiedCamera
+    camera: RectifiedCamera
     points: Array
     middle: Array
     half: Array
     reach: Array
 
     @classmethod
-    def of(cls, found: list[Ellipse], eye: RectifiedCamera) -> "_InIdeal":
+    def of(cls, found: list[Ellipse], camera: RectifiedCamera) -> "_InIdeal":
         turns = 2 * np.pi * np.arange(TURNS) / TURNS
         unit = np.column_stack([np.cos(turns), np.sin(turns)])
         px = np.stack([seen.centre + (unit * seen.radii) @ seen.axes for seen in found])
-        points = eye.ideal(px.reshape(-1, 2)).reshape(px.shape)
+        points = camera.ideal(px.reshape(-1, 2)).reshape(px.shape)
         least, most = points.min(1), points.max(1)
         middle = (least + most) / 2
         reach = np.linalg.norm(points - middle[:, None], axis=2).max(1)
-        return cls(found, eye, points, middle, (most - least) / 2, reach)
+        return cls(found, camera, points, middle, (most - least) / 2, reach)
 
     def chosen(self, which: Index) -> "_InIdeal":
         """Some of them."""
-        return _InIdeal([self.found[k] for k in which], self.eye, *(own[which] for own in self[2:]))
+        return _InIdeal([self.found[k] for k in which], self.camera, *(own[which] for own in self[2:]))
 
     def places(self) -> Array:
         """(N, PLACES, 2) where the image shows their edges."""
         px = [one.places[np.linspace(0, len(one.places) - 1, PLACES).astype(int)] for one in self.found]
-        return self.eye.ideal(np.concatenate([np.zeros((0, 2)), *px])).reshape(-1, PLACES, 2)
+        return self.camera.ideal(np.concatenate([np.zeros((0, 2)), *px])).reshape(-1, PLACES, 2)
 
     def sides(self, heights: Array) -> Array:
         """(N, 2, H) where each is farthest left and right at some heights (N, H); nan beyond it."""
@@ -190,12 +190,12 @@ def _nearest_to_both(
 def _off_px(circles: _Circles, rays: Array, geometry: Baseline) -> tuple[Array, Array]:
     """(N, M) how far outside a circle's image the M places of both ellipses lie, px, rays (N, 2, PLACES, 3); and
     (N, M, 6) how that changes as _moved moves the circle."""
-    eyes, steps = np.stack(geometry.eyes_mm), geometry.cyclopean_from_baseline[:, :2]
+    images, steps = np.stack(geometry.cameras_mm), geometry.cyclopean_from_baseline[:, :2]
     normal = circles.normal[:, None, None]
     facing = (rays * normal).sum(3)
-    from_eye = circles.centre_mm[:, None] - eyes
-    reach = (from_eye @ circles.normal[..., None]) / facing
-    outward = reach[..., None] * rays - from_eye[:, :, None]
+    from_camera = circles.centre_mm[:, None] - images
+    reach = (from_camera @ circles.normal[..., None]) / facing
+    outward = reach[..., None] * rays - from_camera[:, :, None]
     away = np.maximum(np.linalg.norm(outward, axis=3), 1e-9)
     unit = outward / away[..., None]
     tilt = (unit * rays).sum(3) / facing

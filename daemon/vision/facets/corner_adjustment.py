@@ -1,4 +1,4 @@
-"""Corners of touching facets estimated together: every fitted side of both eyes pulls on the two corners it joins.
+"""Corners of touching facets estimated together: every fitted side of both cameras pulls on the two corners it joins.
 
 A corner shared by facets is one point; a facet's corners lie on its plane. Nothing else is assumed of the part.
 """
@@ -33,7 +33,7 @@ def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group
     right = pulls([c.right.sides for c in members], ends, weight, geometry.right)
     adjusted = settle(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
     ideal = geometry.project(adjusted.corners_mm)
-    left_px, right_px = (eye.pixels(px) for eye, px in zip((geometry.left, geometry.right), ideal, strict=True))
+    left_px, right_px = (camera.pixels(px) for camera, px in zip((geometry.left, geometry.right), ideal, strict=True))
     redrawn = (
         replace(
             f,
@@ -49,7 +49,7 @@ def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group
 
 @dataclass(frozen=True, eq=False)
 class EdgeObservations:
-    """Sides of one eye, or of both, as observations of corners: ends (S, 2) corner numbers; line (S, 3) in ideal
+    """Sides of one camera, or of both, as observations of corners: ends (S, 2) corner numbers; line (S, 3) in ideal
     coordinates, unit normal; whiten (S, 2, 2) turns px offsets of the two corners into sigmas; weight (S,) 1, or 1/2
     where two facets share it.
     """
@@ -60,13 +60,13 @@ class EdgeObservations:
     weight: Array
 
 
-def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: RectifiedCamera) -> EdgeObservations:
-    """All facets' sides in one eye, one facet's after the other's; ends and weight as EdgeObservations has them."""
-    start, end = eye.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
+def pulls(sides: Sequence[Sides], ends: Index, weight: Array, camera: RectifiedCamera) -> EdgeObservations:
+    """All facets' sides in one camera, one facet's after the other's; ends and weight as EdgeObservations has them."""
+    start, end = camera.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
     x, y = (end - start).T
     line = np.array([-y, x, start[:, 0] * y - start[:, 1] * x]) / np.hypot(x, y)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
-    return EdgeObservations(ends, line.T, whitener(covariance) * eye.focal_px, weight)
+    return EdgeObservations(ends, line.T, whitener(covariance) * camera.focal_px, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def settle(
         step = found.unknowns[0]
         if turn_number >= 1:
             # The left's sides by their own spread, the right's by that of both: on the rendered scenes the worst of the
-            # corners (95 %) are 6 % farther off with all by that of both, 8 % with each eye's by its own.
+            # corners (95 %) are 6 % farther off with all by that of both, 8 % with each camera's by its own.
             spreads = [_spread(size[:own], trust[:own]), _spread(size, trust)]
             trust = both.weight * robust_weight(size / np.array(spreads).repeat([own, len(size) - own]))
         points = points + step.reshape(-1, 3)
@@ -133,8 +133,8 @@ def _spread(size: Array, trust: Array) -> float:
 
 
 def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
-    """Whitened offsets (S, 2) of both corners of each side from its line. shift_mm (S,): from the eye that saw each to
-    the middle of the baseline.
+    """Whitened offsets (S, 2) of both corners of each side from its line. shift_mm (S,): from the camera that saw each
+    to the middle of the baseline.
     """
     x, y, z = points[seen.ends].transpose(2, 0, 1)
     a, b, c = seen.line.T[:, :, None]

@@ -42,7 +42,7 @@ def _shared_edges(facets: Sequence[Facet], after: Index) -> list[tuple[int, int]
     owner = np.repeat(np.arange(len(facets)), [len(f.corners_mm) for f in facets])
     apart_px = np.zeros((len(owner), len(owner)))
     shortest_px = np.full(len(owner), np.inf)
-    for corners in (np.concatenate([getattr(f, eye) for f in facets]) for eye in ("left_px", "right_px")):
+    for corners in (np.concatenate([getattr(f, camera) for f in facets]) for camera in ("left_px", "right_px")):
         apart = np.linalg.norm(corners[:, None] - corners, axis=2)
         apart_px = np.maximum(apart_px, np.maximum(apart[:, after], apart[after]))
         shortest_px = np.minimum(shortest_px, apart[np.arange(len(owner)), after])

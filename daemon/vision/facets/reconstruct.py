@@ -20,7 +20,7 @@ from daemon.vision.thesis import by_formula, converging, find_corners
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
-UNMATCHED = "no polygon of the other eye fits along its epipolar lines"
+UNMATCHED = "no polygon of the other camera fits along its epipolar lines"
 STOOD_ON = "the part stands on it: a shadow, or a mark on the table"
 Welded = tuple[list[Candidate], Group]
 """Candidates that hang together by shared edges, and their facets as a group."""
@@ -34,27 +34,27 @@ def find_facets(
     left, right: (H, W) uint8, or what `as_grey` takes. Facets come untyped, corners anticlockwise as seen.
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
-    eyes, chosen = open_stereo(left, right, rig), settings or VisionSettings()
-    return with_lone_outlines(facets_seen(eyes, chosen, round_facets(eyes)), eyes, chosen)
+    images, chosen = open_stereo(left, right, rig), settings or VisionSettings()
+    return with_lone_outlines(facets_seen(images, chosen, round_facets(images)), images, chosen)
 
 
-def facets_seen(eyes: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:
-    """The facets that both eyes outline, of images already opened, which make nothing twice. rounded: those with arcs
-    in their outline."""
-    outlines = outlines_of(eyes, settings, in_one=False)
-    straight = find_candidates(outlines, eyes, settings)
+def facets_seen(images: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:
+    """The facets that both cameras outline, of images already opened, which make nothing twice. rounded: those with
+    arcs in their outline."""
+    outlines = outlines_of(images, settings, in_one=False)
+    straight = find_candidates(outlines, images, settings)
     outer = [one for one in rounded if not any(is_hole_in(one, other) for other in (*straight, *rounded))]
     chosen, refused = choose([*outer, *straight], settings)
-    return _with_unmatched(_grouped(chosen, refused, eyes, settings), outlines)
+    return _with_unmatched(_grouped(chosen, refused, images, settings), outlines)
 
 
-def with_lone_outlines(view: FacetView, eyes: StereoImages, settings: VisionSettings) -> FacetView:
-    """The view with what one eye alone outlines as well among what is refused: a shock to the rig shows by it."""
-    return _with_unmatched(view, outlines_of(eyes, settings, in_one=True))
+def with_lone_outlines(view: FacetView, images: StereoImages, settings: VisionSettings) -> FacetView:
+    """The view with what one camera alone outlines as well among what is refused: a shock to the rig shows by it."""
+    return _with_unmatched(view, outlines_of(images, settings, in_one=True))
 
 
 def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> FacetView:
-    """The view with these of the left and the right eye's outlines that no facet uses among what is refused."""
+    """The view with these of the left and the right camera's outlines that no facet uses among what is refused."""
     alone = _unmatched(outlines[0], view.polygons_left, "left") + _unmatched(outlines[1], view.polygons_right, "right")
     return replace(view, rejected=(*alone, *(r for r in view.rejected if r.reason != UNMATCHED)))
 
@@ -62,31 +62,31 @@ def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> F
 def _grouped(
     chosen: list[Candidate],
     refused: list[tuple[Candidate, str]],
-    eyes: StereoImages,
+    images: StereoImages,
     settings: VisionSettings,
 ) -> FacetView:
     """The chosen candidates as groups of facets, less those that a part stands on; these, and those refused, with the
     reason."""
     if settings.corner_detector != "line_fit":
-        chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
+        chosen = [_with_detected_corners(c, images, settings) for c in chosen]
     groups, under_parts = list[Group](), list[Candidate]()
     for members, group in _welded(chosen):
-        whole = _settled(members, group, eyes.geometry, settings)
+        whole = _settled(members, group, images.geometry, settings)
         under = lying_under(whole.facets)
         if not under:
             groups.append(whole)
             continue
         under_parts += [members[k] for k in under]
         for rest, own in _welded([c for k, c in enumerate(members) if k not in under]):
-            groups.append(_settled(rest, own, eyes.geometry, settings))
+            groups.append(_settled(rest, own, images.geometry, settings))
     if settings.stereo_formula != "exact":
-        groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
+        groups = [replace(g, facets=tuple(_by_formula(g.facets, images.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
     rejected = (
         *(Rejected(c.facet.left_px, "left", why, unexplained=True) for c, why in refused),
         *(Rejected(c.facet.left_px, "left", STOOD_ON) for c in under_parts),
     )
-    sigma, blur = _noise_at_parts(eyes, chosen)
+    sigma, blur = _noise_at_parts(images, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
 
 
@@ -114,23 +114,23 @@ def _settled(members: list[Candidate], group: Group, geometry: Baseline, setting
     return settled(members, again, geometry) if fewer else whole
 
 
-def _noise_at_parts(eyes: StereoImages, chosen: list[Candidate]) -> tuple[float, float]:
+def _noise_at_parts(images: StereoImages, chosen: list[Candidate]) -> tuple[float, float]:
     """Noise sigma at the grey level of the facets (mid grey without any), grey levels; and the edges' blur, px."""
     if not chosen:
-        return float(np.mean([view.noise.sigma[128] for view in eyes.views])), 0.0
+        return float(np.mean([view.noise.sigma[128] for view in images.views])), 0.0
     sigma = []
     for c in chosen:
-        for view, corners in zip(eyes.views, (c.facet.left_px, c.facet.right_px), strict=True):
+        for view, corners in zip(images.views, (c.facet.left_px, c.facet.right_px), strict=True):
             (x, y), (height, width) = corners.mean(0).tolist(), view.grey.shape
             level = view.grey[int(min(max(y, 0.0), height - 1.0)), int(min(max(x, 0.0), width - 1.0))]
             sigma.append(float(view.noise.sigma[level]))
     return median(sigma), median(float(c.left.sides.blur[0]) for c in chosen)
 
 
-def _with_detected_corners(c: Candidate, eyes: StereoImages, settings: VisionSettings) -> Candidate:
+def _with_detected_corners(c: Candidate, images: StereoImages, settings: VisionSettings) -> Candidate:
     """The candidate with its corners from one of D'Souza's detectors; where that finds none, the met lines stay."""
     polygons = []
-    for view, fitted in zip(eyes.views, (c.left, c.right), strict=True):
+    for view, fitted in zip(images.views, (c.left, c.right), strict=True):
         p = fitted.polygon
         sigma = float(view.noise.sigma[128])
         found = find_corners(view.grey.astype(np.float32), p.corners_px, settings.corner_detector, sigma)
@@ -138,7 +138,7 @@ def _with_detected_corners(c: Candidate, eyes: StereoImages, settings: VisionSet
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
     left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
-    (facet,) = triangulate([(polygons[0].measured, polygons[1].measured)], eyes.geometry)
+    (facet,) = triangulate([(polygons[0].measured, polygons[1].measured)], images.geometry)
     return replace(c, facet=facet, left=left, right=right)
 
 
@@ -148,7 +148,7 @@ def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSetting
     return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]
 
 
-def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
+def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], camera: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
     if not outlines:
         return ()
@@ -157,4 +157,4 @@ def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str)
     low = np.array([p.corners_px.min(0) for p in used]).reshape(-1, 2)
     high = np.array([p.corners_px.max(0) for p in used]).reshape(-1, 2)
     beyond: Flags = np.asarray(((middles <= low) | (middles >= high)).any(2))
-    return tuple(Rejected(outlines[k].corners, eye, UNMATCHED) for k in np.flatnonzero(beyond.all(1)).tolist())
+    return tuple(Rejected(outlines[k].corners, camera, UNMATCHED) for k in np.flatnonzero(beyond.all(1)).tolist())

@@ -1,4 +1,4 @@
-"""The table as both eyes see it, where it has a pattern: the plane that most of the picture lies in.
+"""The table as both cameras see it, where it has a pattern: the plane that most of the picture lies in.
 
 In: both pictures. Out: a TablePlane, or none. A coarse disparity image by blocks (Konolige 1997, OpenCV's StereoBM)
 on rectified pictures; a plane in space is a plane there as well, found by random samples (Fischler and Bolles 1981),
@@ -23,11 +23,11 @@ from daemon.vision.settings import VisionSettings
 COLUMNS = 213
 """How many the coarse pictures have, about."""
 OVERLAP = 0.62
-"""The largest disparity, as a share of the picture's width: nearer things are in one eye only."""
+"""The largest disparity, as a share of the picture's width: nearer things are in one camera only."""
 SLANTS = (0.1, 0.35)
 """By how much disparity grows from row to row where blocks are matched as they are, the second for what the first does
-not find: eyes that are held upright see a table so, the more the flatter they look. Where it is known how they see it,
-the nearest of these, either way, is all that is tried."""
+not find: cameras that are held upright see a table so, the more the flatter they look. Where it is known how they see
+it, the nearest of these, either way, is all that is tried."""
 BLOCK_PX, TEXTURE, UNIQUE = 11, 110, 12
 """Of the matching by blocks: their side; the least slope in one; by how many per cent the second best is worse."""
 SAMPLED, TRIES = 1500, 120
@@ -62,11 +62,11 @@ rendered scenes, 99 in 100 cells had five times as much."""
 
 @dataclass(frozen=True, eq=False)
 class Rectified:
-    """Where coarse rectified pictures of both eyes take their pixels from, x and y (2, H, W) px each; their pixels per
-    unit of the ideal coordinates, and these at the first pixel (2,); the least disparity that is sought, and how many;
-    the first column of the left eye's own picture, further left there is room for the right one's; base (3,): the
-    plane of disparities that all others are counted from, base . (column, row, 1); and between which columns the right
-    picture shows anything where that is nought.
+    """Where coarse rectified pictures of both cameras take their pixels from, x and y (2, H, W) px each; their pixels
+    per unit of the ideal coordinates, and these at the first pixel (2,); the least disparity that is sought, and how
+    many; the first column of the left camera's own picture, further left there is room for the right one's; base (3,):
+    the plane of disparities that all others are counted from, base . (column, row, 1); and between which columns the
+    right picture shows anything where that is nought.
     """
 
     left: NDArray[np.float32]
@@ -94,7 +94,7 @@ class Rectified:
 def rectified(geometry: Baseline, columns: int, rows: int, slant: float) -> Rectified:
     """For pictures of so many columns and rows, and a table that is seen at about such a slant."""
     border = np.array([[x, y] for x in (0, columns / 2, columns - 1) for y in (0, rows / 2, rows - 1)])
-    left, right = (eye.ideal(border) for eye in (geometry.left, geometry.right))
+    left, right = (camera.ideal(border) for camera in (geometry.left, geometry.right))
     per_unit = geometry.left.focal_px * COLUMNS / columns
     (low, top), (high, bottom) = left.min(0), left.max(0)
     middle, most = left[4, 0] - right[4, 0], OVERLAP * (high - low)
@@ -111,29 +111,29 @@ def rectified(geometry: Baseline, columns: int, rows: int, slant: float) -> Rect
 
 
 def _taken_from(
-    eye: RectifiedCamera, wide: int, tall: int, per_unit: float, first: Array, base: Array
+    camera: RectifiedCamera, wide: int, tall: int, per_unit: float, first: Array, base: Array
 ) -> NDArray[np.float32]:
-    """(2, tall, wide) px of an eye's own picture, x and y, all moved to the right by what base (3,) says. An arm that
-    moves one eye makes a new rig of every look."""
+    """(2, tall, wide) px of a camera's own picture, x and y, all moved to the right by what base (3,) says. An arm that
+    moves one camera makes a new rig of every look."""
     columns, rows = ((np.arange(-1, most // EVERY + 2) + 0.5) * EVERY - 0.5 for most in (wide, tall))
     places = np.stack(np.meshgrid(columns, rows), 2).reshape(-1, 2)
     places[:, 0] -= places @ base[:2] + base[2]
-    few = eye.pixels(places / per_unit + first)
+    few = camera.pixels(places / per_unit + first)
     many = cv2.resize(few.reshape(len(rows), len(columns), 2), None, fx=EVERY, fy=EVERY, interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(many[EVERY : EVERY + tall, EVERY : EVERY + wide].transpose(2, 0, 1), np.float32)
 
 
-def seen_table(eyes: StereoImages, known: TablePlane | None = None) -> TablePlane | None:
-    """The plane that most of both pictures shows, if there is one. known: about as it should lie; unless the eyes are
-    upright it is not seen without that where it is steep in them."""
-    if _plain(eyes.left):
+def seen_table(images: StereoImages, known: TablePlane | None = None) -> TablePlane | None:
+    """The plane that most of both pictures shows, if there is one. known: about as it should lie; unless the cameras
+    are upright it is not seen without that where it is steep in them."""
+    if _plain(images.left):
         return None
-    tall, wide = eyes.left.grey.shape
-    for slant in SLANTS if known is None else (_slant(known, eyes.geometry),):
-        canvas = rectified(eyes.geometry, wide, tall, slant)
-        pictures = _pictures(eyes, canvas)
+    tall, wide = images.left.grey.shape
+    for slant in SLANTS if known is None else (_slant(known, images.geometry),):
+        canvas = rectified(images.geometry, wide, tall, slant)
+        pictures = _pictures(images, canvas)
         disparities = _disparities(pictures, canvas)
-        table = _table_of(disparities, pictures, eyes.geometry, canvas)
+        table = _table_of(disparities, pictures, images.geometry, canvas)
         if table is not None or (disparities > canvas.least).mean() < WORTH_ANOTHER:
             return table
     return None
@@ -180,7 +180,7 @@ def _places(shape: tuple[int, int]) -> Array:
 
 
 def _most_of_it(lies: Flags, farther: Flags, in_both: Flags) -> bool:
-    """Whether cells (rows, columns) that lie in a plane, those of which all lies beyond it, and those that both eyes
+    """Whether cells (rows, columns) that lie in a plane, those of which all lies beyond it, and those that both cameras
     would see, make it the table."""
     if lies.sum() < LEAST_CELLS * max(in_both.sum(), FEWEST_CELLS) or farther.sum() > MOST_BEYOND * lies.sum():
         return False
@@ -195,12 +195,12 @@ def _plain(view: CameraImage) -> bool:
     return bool((cv2.resize(edges, CELLS, interpolation=cv2.INTER_AREA) > LEAST_ON_EDGES).mean() < LEAST_CELLS)
 
 
-def _pictures(eyes: StereoImages, canvas: Rectified) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Coarse rectified pictures of both eyes."""
-    shrink = eyes.geometry.left.focal_px / canvas.per_unit
+def _pictures(images: StereoImages, canvas: Rectified) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Coarse rectified pictures of both cameras."""
+    shrink = images.geometry.left.focal_px / canvas.per_unit
     left, right = (
         cv2.remap(cv2.GaussianBlur(view.grey, (0, 0), 0.5 * shrink), where[0], where[1], cv2.INTER_LINEAR)
-        for view, where in zip(eyes.views, (canvas.left, canvas.right), strict=True)
+        for view, where in zip(images.views, (canvas.left, canvas.right), strict=True)
     )
     return left, right
 
@@ -218,7 +218,7 @@ def _disparities(pictures: tuple[NDArray[Any], NDArray[Any]], canvas: Rectified)
 
 def _plane(places: Array, disparities: NDArray[np.float32], canvas: Rectified) -> Array | None:
     """(3,) the plane, disparity = plane . (column, row, 1), in which most of places (N, 3) lie and few beyond it, where
-    both eyes would see it."""
+    both cameras would see it."""
     if len(places) < FEWEST:
         return None
     some = np.linspace(0, len(places) - 1, SAMPLED).astype(int)
@@ -249,7 +249,7 @@ def _compared(plane: Array, places: Array, pictures: tuple[NDArray[Any], NDArray
     few = places[np.linspace(0, len(places) - 1, min(len(places), COMPARED)).astype(int)]
     columns, rows = few[:, 0] + canvas.margin, few[None, :, 1].astype(np.float32)
     own = left[few[:, 1].astype(int), columns.astype(int)]
-    answer = np.array([*plane, 1.0])  # with how much more contrast the left eye has
+    answer = np.array([*plane, 1.0])  # with how much more contrast the left camera has
     for _ in range(COMPARISONS):
         at = (columns - few @ answer[:3]).astype(np.float32)[None]
         there, slope = (cv2.remap(one, at, rows, cv2.INTER_CUBIC)[0] for one in (right, further))

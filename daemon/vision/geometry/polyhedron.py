@@ -276,12 +276,12 @@ class Polyhedron:
             ),
         )
 
-    def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
-        """(..., F) cosines between each facet's outward normal and the way from its middle to an eye (3,), which sees
-        its front where they are above 0; poses (..., 4, 4) take the corners to the eye's frame.
+    def facing(self, poses: Array, viewpoint: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+        """(..., F) cosines between each facet's outward normal and the way from its middle to a camera (3,), which sees
+        its front where they are above 0; poses (..., 4, 4) take the corners to the camera's frame.
         """
         turned = np.swapaxes(poses[..., :3, :3], -1, -2)
-        rays = np.asarray(eye) - (self.centres_mm @ turned + poses[..., None, :3, 3])
+        rays = np.asarray(viewpoint) - (self.centres_mm @ turned + poses[..., None, :3, 3])
         return np.asarray(np.sum(self.normals @ turned * rays, -1) / np.linalg.norm(rays, axis=-1))
 
 

@@ -1,4 +1,4 @@
-"""The stereo pair as geometry: what a calibration says, and where both eyes' pixels meet, by exact rays.
+"""The stereo pair as geometry: what a calibration says, and where both cameras' pixels meet, by exact rays.
 
 In: pixels or rays. Out: rays, pixels, points in the cyclopean frame (mm). No files; which point belongs to which is
 decided elsewhere.
@@ -21,7 +21,7 @@ CORNER_PX = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One eye: matrix (3, 3) px, distortion (5,) as OpenCV's k1 k2 p1 p2 k3, cyclopean_from_camera (4, 4) mm."""
+    """One camera: matrix (3, 3) px, distortion (5,) as OpenCV's k1 k2 p1 p2 k3, cyclopean_from_camera (4, 4) mm."""
 
     matrix: Array
     distortion: Array
@@ -55,7 +55,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class StereoRig:
-    """Two eyes and the size (width, height) px of the images they were calibrated for."""
+    """Two cameras and the size (width, height) px of the images they were calibrated for."""
 
     left: Camera
     right: Camera
@@ -88,12 +88,12 @@ def moved_rig(
     y /= np.linalg.norm(y)
     world_from_cyclopean = frames.rigid(np.stack([x, y, np.cross(x, y)], 1), (left[:3, 3] + right[:3, 3]) / 2)
     cyclopean_from_world = frames.inverse(world_from_cyclopean)
-    eyes = [replace(camera, cyclopean_from_camera=cyclopean_from_world @ place) for place in (left, right)]
-    return StereoRig(eyes[0], eyes[1], image_size), world_from_cyclopean
+    images = [replace(camera, cyclopean_from_camera=cyclopean_from_world @ place) for place in (left, right)]
+    return StereoRig(images[0], images[1], image_size), world_from_cyclopean
 
 
 def corner_covariance(rig: StereoRig, distance_mm: float) -> Array:
-    """(3, 3) mm2, cyclopean, of a corner straight ahead at that distance, where either eye is off by CORNER_PX."""
+    """(3, 3) mm2, cyclopean, of a corner straight ahead at that distance, where either camera is off by CORNER_PX."""
     focal_px = float(rig.left.matrix[0, 0])
     across = CORNER_PX * distance_mm / focal_px
     along = np.sqrt(2) * CORNER_PX * distance_mm**2 / (focal_px * rig.baseline_mm)
@@ -104,7 +104,7 @@ def corner_covariance(rig: StereoRig, distance_mm: float) -> Array:
 class RectifiedCamera:
     """A camera seen from the baseline: ideal coordinates (x / z, y / z) in a frame whose x axis is the baseline.
 
-    In these coordinates a point has the same y / z in both eyes, and lines in space are straight.
+    In these coordinates a point has the same y / z in both cameras, and lines in space are straight.
     baseline_from_camera (3, 3).
     """
 
@@ -119,8 +119,8 @@ class RectifiedCamera:
 
     def least_aside(self, image_size: tuple[int, int]) -> float:
         """The least angle, radians, of any sight of an image (width, height) against the plane through the baseline
-        that the eyes look away from; nought and less where one points along it or back, nan where lens and image do not
-        go together."""
+        that the cameras look away from; nought and less where one points along it or back, nan where lens and image do
+        not go together."""
         x, y = (np.array([0.0, (size - 1) / 2, size - 1.0]) for size in image_size)
         rim = self.camera.normalised(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
         rays = rim @ self.baseline_from_camera[:, :2].T + self.baseline_from_camera[:, 2]
@@ -143,7 +143,7 @@ class RectifiedCamera:
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """Both eyes in the baseline's frame, and how that lies in the cyclopean frame.
+    """Both cameras in the baseline's frame, and how that lies in the cyclopean frame.
 
     cyclopean_from_baseline (3, 3): a rotation, the identity for a rig calibrated as designed. middle_mm (3,).
     """
@@ -155,13 +155,13 @@ class Baseline:
     middle_mm: Array
 
     @property
-    def eyes_mm(self) -> tuple[Array, Array]:
+    def cameras_mm(self) -> tuple[Array, Array]:
         """The optical centres (3,) mm, cyclopean, of the left and the right camera."""
         half = self.cyclopean_from_baseline[:, 0] * self.length_mm / 2
         return self.middle_mm - half, self.middle_mm + half
 
     def points(self, left: Array, right: Array) -> Array:
-        """Meet rays exactly: ideal coordinates (N, 2) of both eyes -> (N, 3) mm, cyclopean.
+        """Meet rays exactly: ideal coordinates (N, 2) of both cameras -> (N, 3) mm, cyclopean.
 
         y / z is averaged: for rays that miss each other this is the point of least squares in the image, not in space.
         """
@@ -171,7 +171,7 @@ class Baseline:
         return np.stack([x, y, z], 1) @ self.cyclopean_from_baseline.T + self.middle_mm
 
     def project(self, points_mm: Array) -> tuple[Array, Array]:
-        """(N, 3) mm cyclopean -> ideal coordinates (N, 2) in the left and the right eye."""
+        """(N, 3) mm cyclopean -> ideal coordinates (N, 2) in the left and the right camera."""
         p = (points_mm - self.middle_mm) @ self.cyclopean_from_baseline
         half = np.array([self.length_mm / 2, 0.0])
         return (p[:, :2] + half) / p[:, 2:], (p[:, :2] - half) / p[:, 2:]
@@ -193,5 +193,5 @@ def baseline(rig: StereoRig) -> Baseline:
     y = np.cross([0.0, 0.0, 1.0], x)
     y /= np.linalg.norm(y)
     frame = np.stack([x, y, np.cross(x, y)], 1)
-    eyes = [RectifiedCamera(c, frame.T @ c.cyclopean_from_camera[:3, :3]) for c in (rig.left, rig.right)]
-    return Baseline(eyes[0], eyes[1], rig.baseline_mm, frame, (a + b) / 2)
+    images = [RectifiedCamera(c, frame.T @ c.cyclopean_from_camera[:3, :3]) for c in (rig.left, rig.right)]
+    return Baseline(images[0], images[1], rig.baseline_mm, frame, (a + b) / 2)

@@ -1,4 +1,4 @@
-"""Which facets of a solid an eye sees whole: those that face it and that nothing else covers in part. Pure."""
+"""Which facets of a solid a camera sees whole: those that face it and that nothing else covers in part. Pure."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -36,13 +36,13 @@ def visible_from(
     return np.asarray(seen)
 
 
-def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
-    """(N,) which points (N, 3) of a solid an eye (3,), in the solid's frame, does not see, as a facet, or what
+def hidden(solid: Polyhedron, points: Array, viewpoint: Array) -> Flags:
+    """(N,) which points (N, 3) of a solid a camera (3,), in the solid's frame, does not see, as a facet, or what
     else of it hides things, lies before them."""
     rings, normals, levels_mm = _outside(solid)
-    rays = points - eye
+    rays = points - viewpoint
     far = np.linalg.norm(rays, axis=1)[:, None]
-    height, slope = normals @ eye - levels_mm, -(rays @ normals.T)
+    height, slope = normals @ viewpoint - levels_mm, -(rays @ normals.T)
     before = (height > 0) & (slope * far > 0) & (slope > height)  # the plane is met before the point
     reach = height / np.where(before, slope, 1.0)
     before &= (1 - reach) * far > BEFORE_MM
@@ -50,32 +50,32 @@ def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
     for k in np.flatnonzero(before.any(0)).tolist():
         asked = np.flatnonzero(before[:, k] & ~covered)
         level = np.delete(np.arange(3), np.abs(normals[k]).argmax())
-        met = (eye + reach[asked, k, None] * rays[asked])[:, level]
+        met = (viewpoint + reach[asked, k, None] * rays[asked])[:, level]
         covered[asked] = inside(met, rings[k][None, :, level])[0]
     return covered
 
 
-def before_alike(solid: Polyhedron, places: Array, eye: Array) -> Flags:
-    """(E, S) which places (E, S, 3) along the lines of a solid an eye (3,) in its frame sees before a facet that faces
-    the same way as the only one that it sees beside the edge: both are as bright, and no edge shows."""
+def before_alike(solid: Polyhedron, places: Array, viewpoint: Array) -> Flags:
+    """(E, S) which places (E, S, 3) along the lines of a solid a camera (3,) in its frame sees before a facet that
+    faces the same way as the only one that it sees beside the edge: both are as bright, and no edge shows."""
     found = np.zeros(places.shape[:2], bool)
     for facet, lines, aside in solid.alike_behind:
         normal, corner = solid.normals[facet], solid.corners_mm[solid.rings[facet][0]]
-        of_eye = float((eye - corner) @ normal)
-        if of_eye <= 0:
+        of_viewpoint = float((viewpoint - corner) @ normal)
+        if of_viewpoint <= 0:
             continue
         there, other = places[lines], solid.hands[lines]
         other = np.where((solid.normals[other] @ normal > PARALLEL) & (other >= 0), -1, other).max(1)
         middle = there.mean(1)
-        shows = ((eye - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[lines])).sum(1)
+        shows = ((viewpoint - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[lines])).sum(1)
         met = there + BEHIND_MM * aside[:, None]
         height = (met - corner) @ normal
-        met = met + (height / np.maximum(of_eye - height, BEFORE_MM))[..., None] * (met - eye)
+        met = met + (height / np.maximum(of_viewpoint - height, BEFORE_MM))[..., None] * (met - viewpoint)
         level = np.delete(np.arange(3), np.abs(normal).argmax())
         flat, ring = met[..., level].reshape(-1, 2), solid.corners_mm[None, solid.rings[facet]][..., level]
         behind = (height > 0) & (shows <= 0)[:, None] & inside(flat, ring)[0].reshape(height.shape)
         if behind.any():
-            behind[behind] = ~hidden(solid, met[behind], eye)
+            behind[behind] = ~hidden(solid, met[behind], viewpoint)
         found[lines] |= behind
     return found
 

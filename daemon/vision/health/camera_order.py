@@ -1,7 +1,7 @@
-"""Do the eyes stand as the calibration says, left and right the right way round? Told by where the same points lie in
-the two images. Pure.
+"""Do the cameras stand as the calibration says, left and right the right way round? Told by where the same points lie
+in the two images. Pure.
 
-Every point of the left image has its partner on its epipolar line in the right one. Swapped eyes put it elsewhere:
+Every point of the left image has its partner on its epipolar line in the right one. Swapped cameras put it elsewhere:
 above or below the line by twice what the cameras differ in height and tilt, and behind the cameras or absurdly far. A
 camera that was knocked up or down puts it off the line both ways round.
 """
@@ -34,7 +34,7 @@ NEAR_ENOUGH = 0.5
 
 
 class Assignment(Enum):
-    """Which way round the eyes are, as far as the images tell."""
+    """Which way round the cameras are, as far as the images tell."""
 
     RIGHT = "right"
     SWAPPED = "swapped"

@@ -32,7 +32,7 @@ class Said(NamedTuple):
 
 
 SAID = {
-    Cause.BORDER: Said("too near the border of the picture", "move it, or the arm, so that both eyes see it whole"),
+    Cause.BORDER: Said("too near the border of the picture", "move it, or the arm, so that both cameras see it whole"),
     Cause.DARK: Said("too dark where it lies", "add light, or lengthen exposure_us"),
     Cause.BURNT: Said("burnt out where it lies", "take light away, or shorten exposure_us"),
     Cause.HIDDEN: Said("part of it does not show", "look nearer or from another side, or move what lies before it"),
@@ -97,7 +97,7 @@ def _cause(
 
 
 def _light(levels: Sequence[Image]) -> Cause | None:
-    """Whether either eye's grey levels, of any shape, lie too low or too high."""
+    """Whether either camera's grey levels, of any shape, lie too low or too high."""
     lit = int(MEASURES["darkness"].limit)
     if any(np.count_nonzero(level >= lit) < LIT_SHARE * level.size for level in levels):
         return Cause.DARK
@@ -115,8 +115,8 @@ def _cut_off(outline_px: Array, picture: Image) -> bool:
 
 
 def _before(other: Part, part: Part, own: Array) -> bool:
-    """Whether another part is nearer to the cameras and covers some of this one in the left eye. One that has a name:
-    what has none may be more of this one.
+    """Whether another part is nearer to the cameras and covers some of this one in the left camera. One that has a
+    name: what has none may be more of this one.
     """
     if not other.named or not other.facets or other.cyclopean_from_part[2, 3] >= part.cyclopean_from_part[2, 3]:
         return False

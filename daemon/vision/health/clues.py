@@ -15,17 +15,17 @@ from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.values import FacetView, Part, Scene
 
 AXES = ("pitched", "rolled", "turned in")
-"""About the right eye's x, z and y axes: what `turn` counts, in this order."""
+"""About the right camera's x, z and y axes: what `turn` counts, in this order."""
 FEWEST_VOTES = 6
 VOTE_SIGMA_PX = 0.25
 CLEAR_LEAD = 1.5
-"""How many corners of either eye must agree on an offset, how closely, and how far ahead of the next offset they must
-be."""
+"""How many corners of either camera must agree on an offset, how closely, and how far ahead of the next offset they
+must be."""
 SAME_PX = 1.5
-"""Corners of one eye this near are one: several outlines go through it."""
+"""Corners of one camera this near are one: several outlines go through it."""
 REACH_PX, NAMED_PX = 8.0, 4.0
-"""How far off their epipolar lines corners are still paired, and how far off the eyes can be that surely name a part:
-of 32 rendered looks with the right eye turned up, 29 named their part 2.4 px off, 7 at 3.7 px, none at 6.1."""
+"""How far off their epipolar lines corners are still paired, and how far off the cameras can be that surely name a
+part: of 32 rendered looks with the right camera turned up, 29 named their part 2.4 px off, 7 at 3.7 px, none at 6.1."""
 DEPTHS_MM = (120.0, 1500.0)
 CORNER_SIGMA_PX = 0.1
 LENGTH_SIGMA = 0.004
@@ -51,7 +51,7 @@ class Clue:
 
 
 def clue_of(scene: Scene, rig: StereoRig, shape_of: ShapeOf) -> Clue:
-    """What one look offers: all corners of all outlines of both eyes, named or not, and the edges of sure parts."""
+    """What one look offers: all corners of all outlines of both cameras, named or not, and the edges of sure parts."""
     sure = [p for p in scene.parts if p.recognition.label != "unknown" and p.recognition.confidence >= SURE]
     corners = _corners(scene.view, "left"), _corners(scene.view, "right")
     left, right = same_height(rig, *corners, NAMED_PX if sure else REACH_PX)
@@ -67,10 +67,10 @@ def health_fields(clue: Clue) -> dict[str, float]:
     return fields
 
 
-def _corners(view: FacetView, eye: Literal["left", "right"]) -> Array:
-    """(N, 2) px: the corners of every outline of one eye, used or refused. After a knock most are refused."""
-    used = view.polygons_left if eye == "left" else view.polygons_right
-    found = [p.corners_px for p in used] + [r.corners_px for r in view.rejected if r.eye == eye]
+def _corners(view: FacetView, camera: Literal["left", "right"]) -> Array:
+    """(N, 2) px: the corners of every outline of one camera, used or refused. After a knock most are refused."""
+    used = view.polygons_left if camera == "left" else view.polygons_right
+    found = [p.corners_px for p in used] + [r.corners_px for r in view.rejected if r.camera == camera]
     return _each_once(np.concatenate(found)) if found else np.zeros((0, 2))
 
 
@@ -100,7 +100,7 @@ def _edges(part: Part, shape_of: ShapeOf) -> list[tuple[float, float, float]]:
 
 
 def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[float, float, float]], at: str) -> Clue:
-    """What one look says of the right eye's pose.
+    """What one look says of the right camera's pose.
 
     left_px, right_px: (N, 2) matched corners, px. edges: (length found, length known, depth) of each known edge, mm.
     Pitch and roll need 4 corners spread over the image, turning in needs an edge.
@@ -118,8 +118,8 @@ def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[
 
 
 def same_height(rig: StereoRig, left_px: Array, right_px: Array, most_px: float = REACH_PX) -> tuple[Array, Array]:
-    """Corners of both eyes that agree on one offset from their epipolar lines: (N, 2) left and right px, empty where no
-    offset stands out, or one larger than most_px.
+    """Corners of both cameras that agree on one offset from their epipolar lines: (N, 2) left and right px, empty where
+    no offset stands out, or one larger than most_px.
 
     left_px (P, 2), right_px (Q, 2): all corners found, in any order. A recogniser pairs corners by their epipolar
     lines, so that after a knock it pairs none, or the wrong ones; here every pair at a possible depth votes for its
@@ -158,15 +158,16 @@ def _of_each(nearness: Array, corner: Index) -> Array:
 def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: Index, j: Index) -> Array:
     """Baseline over depth of each pair, from the angles of both rays in the plane of the baseline and the view."""
     slopes = []
-    for eye, px in ((rig.left, left_px), (rig.right, right_px)):
-        rays = np.column_stack([eye.normalised(px), np.ones(len(px))]) @ eye.cyclopean_from_camera[:3, :3].T
+    for camera, px in ((rig.left, left_px), (rig.right, right_px)):
+        rays = np.column_stack([camera.normalised(px), np.ones(len(px))]) @ camera.cyclopean_from_camera[:3, :3].T
         slopes.append(rays[:, 0] / rays[:, 2])
     difference: Array = slopes[0][i] - slopes[1][j]
     return difference
 
 
 def _lines_and_rays(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """(P, 3) epipolar lines of the left points in the right eye's plane z = 1, unit normals; (Q, 3) the right rays."""
+    """(P, 3) epipolar lines of the left points in the right camera's plane z = 1, unit normals; (Q, 3) the right
+    rays."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
     cross = frames.cross_matrices(right_from_left[:3, 3])
     lines = np.column_stack([rig.left.normalised(left_px), np.ones(len(left_px))]) @ (cross @ right_from_left[:3, :3]).T
@@ -177,7 +178,7 @@ def _lines_and_rays(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Ar
 
 
 def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """The right eye's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
+    """The right camera's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
     lines, rays = _lines_and_rays(rig, left_px, right_px)
     gaps = np.einsum("ni,ni->n", lines, rays)
     # A camera that turns by w moves a ray to ray - w x ray; along the line's normal that shows as -(w x ray) . line.

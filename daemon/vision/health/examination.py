@@ -5,7 +5,7 @@ lens, cable, mounting), never about parts; what follows from one is for the call
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ MEASURES = {
         0.0, "same pairs", True, "frozen: the camera repeats its last frame; unplug it and plug it in", True
     ),
     "doubled": Measure(
-        0.0, "same images", True, "both eyes show one image: cameras.left and .right name one device", True
+        0.0, "same images", True, "both cameras show one image: cameras.left and .right name one device", True
     ),
     "swapped": Measure(
         0.5,
@@ -69,10 +69,11 @@ MEASURES = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One measure of one picture: name as in MEASURES; eye left, right or pair; the value; whether it is in order."""
+    """One measure of one picture: name as in MEASURES; camera left, right or pair; the value; whether it is in
+    order."""
 
     name: str
-    eye: str
+    camera: str
     value: float
     good: bool
 
@@ -80,12 +81,12 @@ class Finding:
         """Such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit 30)`."""
         measure = MEASURES[self.name]
         figures = f"{self.name} {self.value:.3g} {measure.unit}, limit {measure.limit:g}"
-        return f"{self.eye}: {measure.advice} ({figures})" if not self.good else f"{self.eye}: {figures}"
+        return f"{self.camera}: {measure.advice} ({figures})" if not self.good else f"{self.camera}: {figures}"
 
 
-def _finding(name: str, eye: str, value: float) -> Finding:
+def _finding(name: str, camera: str, value: float) -> Finding:
     measure = MEASURES[name]
-    return Finding(name, eye, value, value <= measure.limit if measure.above else value >= measure.limit)
+    return Finding(name, camera, value, value <= measure.limit if measure.above else value >= measure.limit)
 
 
 def examine(
@@ -94,14 +95,14 @@ def examine(
     """Every measure that can be taken of a pair of grey images (H, W), or of one image given twice; what cannot be
     measured is left out.
 
-    before: the pair grabbed before this one (frozen). rig: finds swapped eyes and a camera knocked by much; a small
+    before: the pair grabbed before this one (frozen). rig: finds swapped cameras and a camera knocked by much; a small
     knock is for drift() and for daemon/calibration/drift.py to tell, from measured corners. sharp: whether sharpness()
     is asked, too; it takes longest.
     """
     findings: list[Finding] = []
     contrasts = [_contrast(image) for image in pair]
-    for k, (eye, image) in enumerate(zip(("left", "right"), pair, strict=True)):
-        findings += _image(eye, image, contrasts[k], contrasts[1 - k])
+    for k, (camera, image) in enumerate(zip(("left", "right"), pair, strict=True)):
+        findings += _image(camera, image, contrasts[k], contrasts[1 - k])
     if sharp:
         findings += sharpness(pair)
     same = sum(np.array_equal(now, then) for now, then in zip(pair, before, strict=True)) if before else 0
@@ -123,31 +124,31 @@ def _contrast(image: Image) -> float:
     return float(np.ptp(np.percentile(block_means(image), [2, 98])))
 
 
-def _image(eye: str, image: Image, contrast: float, other_contrast: float) -> Iterator[Finding]:
+def _image(camera: str, image: Image, contrast: float, other_contrast: float) -> Iterator[Finding]:
     """Light first: of a picture without light or contrast nothing else can be said.
 
-    A plain bright picture may be an empty table; a dark one, or one beside an eye that sees something, is covered.
+    A plain bright picture may be an empty table; a dark one, or one beside a camera that sees something, is covered.
     """
-    yield _finding("half", eye, 100.0 * _repeated_rows(image))
+    yield _finding("half", camera, 100.0 * _repeated_rows(image))
     bright = float(np.percentile(image[::4, ::4], 99))
     least = MEASURES["covered"].limit
     plain = contrast < least
     covered = plain and (bright < MEASURES["darkness"].limit or other_contrast > 3 * least)
-    yield Finding("covered", eye, contrast, not covered)
+    yield Finding("covered", camera, contrast, not covered)
     if plain:
         return
-    yield _finding("saturation", eye, 100.0 * float(np.mean(image >= SATURATED)))
-    yield _finding("darkness", eye, bright)
-    yield _finding("torn", eye, _tear(image))
+    yield _finding("saturation", camera, 100.0 * float(np.mean(image >= SATURATED)))
+    yield _finding("darkness", camera, bright)
+    yield _finding("torn", camera, _tear(image))
 
 
 def sharpness(pair: Pair) -> tuple[Finding, ...]:
     """How sharp the edges of a pair of grey images (H, W) are, where they have enough."""
     findings: list[Finding] = []
-    for eye, image in zip(("left", "right"), pair, strict=True):
+    for camera, image in zip(("left", "right"), pair, strict=True):
         blur = measure_blur(image)
         if not np.isnan(blur.least_px):
-            findings += [_finding("focus", eye, blur.least_px), _finding("motion", eye, blur.motion_px)]
+            findings += [_finding("focus", camera, blur.least_px), _finding("motion", camera, blur.motion_px)]
     return tuple(findings)
 
 
@@ -202,8 +203,9 @@ def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:
 
 
 def findings_json(findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
-    """For run logs and machines: name, eye, value, good, and limit."""
+    """For run logs and machines: name, camera, value, good, and limit."""
     return [
-        asdict(f) | {"value": round(f.value, 4), "limit": MEASURES[f.name].limit, "unit": MEASURES[f.name].unit}
+        {"name": f.name, "eye": f.camera, "value": round(f.value, 4), "good": f.good}
+        | {"limit": MEASURES[f.name].limit, "unit": MEASURES[f.name].unit}
         for f in findings
     ]

@@ -1,4 +1,4 @@
-"""Whether there is the right light where the parts are, and by how much each eye's exposure would mend it. Pure.
+"""Whether there is the right light where the parts are, and by how much each camera's exposure would mend it. Pure.
 
 The sensor is taken to be linear: twice the exposure, twice the level. Where it is not, the next look says so again.
 """
@@ -25,7 +25,7 @@ LEAST_EMPTY, GOOD_EMPTY = 25.0, 90.0
 MOST_BURNT = 0.05
 """Share of the parts and their surroundings that may be burnt out: glints."""
 UNEQUAL = 1.15
-"""How much brighter one eye may be than the other."""
+"""How much brighter one camera may be than the other."""
 LARGEST_STEP = 8.0
 
 
@@ -36,7 +36,7 @@ def hull(points_px: Sequence[Array]) -> Array:
 
 
 def outlines(part: Part) -> tuple[Array, Array]:
-    """(N, 2) px: the convex outline of a part's facets in the left and in the right eye."""
+    """(N, 2) px: the convex outline of a part's facets in the left and in the right camera."""
     return hull([f.left_px for f in part.facets]), hull([f.right_px for f in part.facets])
 
 
@@ -49,13 +49,13 @@ def ground(outlines_px: Sequence[Array], picture: Image) -> Image:
 
 
 def exposure_factors(pictures: Pictures, parts: Sequence[Part]) -> tuple[float, float] | None:
-    """By how much to multiply the exposure of the left and the right eye; None where the light will do.
+    """By how much to multiply the exposure of the left and the right camera; None where the light will do.
 
-    Both end up alike: the brighter eye is brought to the darker one, then both to a good level.
+    Both end up alike: the brighter camera is brought to the darker one, then both to a good level.
     """
     seen = [outlines(part) for part in parts if part.facets]
     grounds = [
-        ground([both[eye] for both in seen], picture) if seen else picture for eye, picture in enumerate(pictures)
+        ground([both[camera] for both in seen], picture) if seen else picture for camera, picture in enumerate(pictures)
     ]
     least, good = (LEAST_LEVEL, GOOD_LEVEL) if seen else (LEAST_EMPTY, GOOD_EMPTY)
     means = [max(float(np.median(block_means(picture))), 1.0) for picture in pictures]

@@ -1,10 +1,9 @@
 """How much of the edges that a part would show in each of many poses lies on segments of the same direction.
 
-In: segments of both eyes, poses of a taught solid. Out: evidence for each. A segment that is there by chance speaks for
-less where segments of that direction abound, as in a patterned table. Maps lie in ideal coordinates, where edges are
-straight and to project is to divide.
-Source: directional chamfer matching (Liu, Tuzel, Veeraraghavan and Chellappa 2010), counted as in an a contrario test
-(Desolneux, Moisan and Morel 2000) instead of summed as distances.
+In: segments of both cameras, poses of a taught solid. Out: evidence for each. A segment that is there by chance speaks
+for less where segments of that direction abound, as in a patterned table. Maps lie in ideal coordinates, where edges
+are straight and to project is to divide. Source: directional chamfer matching (Liu, Tuzel, Veeraraghavan and Chellappa
+2010), counted as in an a contrario test (Desolneux, Moisan and Morel 2000) instead of summed as distances.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ more from 4 on."""
 ROOM = RIM + 2  # about the outermost segments
 MOST_COLUMNS = MOST_ROWS = 32000  # of what cv2.remap takes
 LARGEST = 2.0
-"""Of the image's own area at SHRINK, that a map of it may have: where eyes look askew, ideal coordinates stretch what
-is far aside, and its map is coarser."""
+"""Of the image's own area at SHRINK, that a map of it may have: where cameras look askew, ideal coordinates stretch
+what is far aside, and its map is coarser."""
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
 GLANCED, GLANCE_NATS = np.array((0.2, 0.5, 0.8), np.float32), 25.0
-"""Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
+"""Shares of an edge at which many poses are looked at first, in one camera, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
 FARTHEST = 0.75, 1.25
 """So many times as long are the other sizes of a part that leaves a picture."""
@@ -96,11 +95,11 @@ class DirectionalEdgeMap:
 
 
 def edge_distances(view: CameraImage) -> DirectionalEdgeMap:
-    """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
-    found, eye, shape = view.segments, view.eye, view.grey.shape
-    rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
-    scale = _scale(eye.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
-    ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
+    """Maps of what a camera sees: as large as its segments need, of a chance as in all of its image."""
+    found, camera, shape = view.segments, view.rectified, view.grey.shape
+    rim = camera.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
+    scale = _scale(camera.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
+    ends = (camera.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
     low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - ROOM
     width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + ROOM
     ends = (ends - low).reshape(2, -1, 2)
@@ -128,19 +127,20 @@ def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """What one eye shows along N straight lines in space that begin at points: nats (STEPS + 1, N) of a segment there
-    against chance, summed from its beginning step by step; reach, fall (N,): how far along a line t mm show in the map,
-    t reach / (1 + t fall) px."""
+    """What one camera shows along N straight lines in space that begin at points: nats (STEPS + 1, N) of a segment
+    there against chance, summed from its beginning step by step; reach, fall (N,): how far along a line t mm show in
+    the map, t reach / (1 + t fall) px."""
 
     nats: Image32
     reach: Image32
     fall: Image32
 
     @classmethod
-    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: DirectionalEdgeMap) -> Rays:
-        """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the eye lies eye_x_mm along it."""
+    def of(cls, at: Array, way: Array, camera_x_mm: float, seen: DirectionalEdgeMap) -> Rays:
+        """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the camera lies eye_x_mm along
+        it."""
         depth = at[:, 2:]
-        ideal = (at[:, :2] - [eye_x_mm, 0.0]) / depth
+        ideal = (at[:, :2] - [camera_x_mm, 0.0]) / depth
         shift = ((way[:, :2] - ideal * way[:, 2:]) * (seen.scale / depth)).astype(np.float32)
         reach = np.hypot(shift[:, 0], shift[:, 1])
         unit = np.asarray(shift / np.maximum(reach, np.float32(1e-6))[:, None], np.float32)
@@ -168,9 +168,9 @@ def evidence(
     """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
     were found."""
     left, right = (
-        _of_one_eye(len(posed.part), *posed.edges(camera_mm), corners, seen, _ALONG)
+        _of_one_camera(len(posed.part), *posed.edges(camera_mm), corners, seen, _ALONG)
         for camera_mm, corners, seen in zip(
-            geometry.eyes_mm, ideal(posed.corners_mm(geometry), geometry), maps, strict=True
+            geometry.cameras_mm, ideal(posed.corners_mm(geometry), geometry), maps, strict=True
         )
     )
     return left[0] + right[0], left[1] + right[1]
@@ -182,21 +182,21 @@ def promising(
     maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap],
     further: Array | float = 0.0,
 ) -> tuple[Index, Array]:
-    """Which (Q,) of many poses a few places of the left eye, and further nats (G,), already speak for, and how many
+    """Which (Q,) of many poses a few places of the left camera, and further nats (G,), already speak for, and how many
     nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
-    edges = posed.edges(geometry.eyes_mm[0])
-    nats, _ = _of_one_eye(len(posed.part), *edges, left, maps[0], GLANCED)
+    edges = posed.edges(geometry.cameras_mm[0])
+    nats, _ = _of_one_camera(len(posed.part), *edges, left, maps[0], GLANCED)
     nats = nats + further
     good = np.flatnonzero(nats > GLANCE_NATS)
     return good, nats[good]
 
 
-def _of_one_eye(
+def _of_one_camera(
     count: int, pose: Index, ends: Index, corners: Image32, seen: DirectionalEdgeMap, along: Image32
 ) -> tuple[Array, Array]:
-    """(G,) nats, and (G,) the most there could be, that one eye gives to so many poses; pose (N,), ends (N, 2) of the
-    edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
+    """(G,) nats, and (G,) the most there could be, that one camera gives to so many poses; pose (N,), ends (N, 2) of
+    the edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
     at = (corners - seen.origin.astype(np.float32)) * np.float32(seen.scale)
     start = at[ends[:, 0]]
     by_edge = seen.of_lines(start, at[ends[:, 1]] - start, along)
@@ -205,15 +205,15 @@ def _of_one_eye(
 
 
 def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: DirectionalEdgeMap) -> float:
-    """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
-    they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
+    """What the left camera's segments would give a part, shown as at this pose (4, 4), at another place nearby, over
+    what they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
     one = PoseBatch(SolidBatch.of([solid]), np.zeros(1, np.intp), pose[None])
-    _, ends = one.edges(geometry.eyes_mm[0])
+    _, ends = one.edges(geometry.cameras_mm[0])
     corners = ideal(one.corners_mm(geometry), geometry)[0]
     steps = np.arange(-FAR_ASIDE, FAR_ASIDE + 1, ASIDE)
     shift = np.stack(np.meshgrid(steps, steps), 2).reshape(-1, 2).astype(np.float32)
     each = np.arange(len(shift))
-    nats, _ = _of_one_eye(
+    nats, _ = _of_one_camera(
         len(shift),
         each.repeat(len(ends)),
         (each[:, None, None] * len(corners) + ends).reshape(-1, 2),

@@ -23,9 +23,9 @@ from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
 from daemon.vision.model import turns_onto_themselves
 
-ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
-MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
-TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
+ROW_PX = 2.0  # how far apart the rows may be in which two cameras see a corner
+MOST_MET = 800  # of corners seen by both cameras those with the longest arms: each is a guess for every taught corner
+TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other camera
 FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
 ANGLE = np.radians(2.0)  # taught corners are of a kind whose angles round to the same in this
 ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
@@ -33,10 +33,10 @@ ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn ma
 
 @dataclass(frozen=True, eq=False)
 class Junctions3D:
-    """Corners that both eyes see: at (C, 3) mm from the left eye; firm (C, 3), the unit direction of the arm whose
-    planes meet at the larger angle; plane (C, 3), the unit normal of the left eye's plane through the other arm, all
-    along the axes of the baseline; other (2, C, 2), where that arm points in the left and the right eye; right (C, 2),
-    the corner there, both in ideal coordinates.
+    """Corners that both cameras see: at (C, 3) mm from the left camera; firm (C, 3), the unit direction of the arm
+    whose planes meet at the larger angle; plane (C, 3), the unit normal of the left camera's plane through the other
+    arm, all along the axes of the baseline; other (2, C, 2), where that arm points in the left and the right camera;
+    right (C, 2), the corner there, both in ideal coordinates.
     """
 
     at: Array
@@ -52,15 +52,15 @@ class Junctions3D:
 
 @dataclass(frozen=True, eq=False)
 class CameraJunctions:
-    """Corners in one eye, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
+    """Corners in one camera, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
 
     at: Array
     arms: Array
     sign: Array
 
     @classmethod
-    def of(cls, found: SegmentCorners, eye: RectifiedCamera) -> CameraJunctions:
-        ideal = eye.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
+    def of(cls, found: SegmentCorners, camera: RectifiedCamera) -> CameraJunctions:
+        ideal = camera.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
         at, ends = np.split(ideal, [len(found.at)])
         return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
 
@@ -76,14 +76,14 @@ class CameraJunctions:
         return CameraJunctions(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
 
     def planes(self) -> Array:
-        """(C, 2, 3) unit normals of the planes through the eye and each arm."""
+        """(C, 2, 3) unit normals of the planes through the camera and each arm."""
         ray = np.concatenate([self.at, np.ones((len(self.at), 1))], 1)
         normal = np.cross(ray[:, None], np.concatenate([self.arms, np.zeros((*self.arms.shape[:2], 1))], 2))
         return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
 
 
 def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Junctions3D:
-    """Every two corners, one in each eye, that could be one."""
+    """Every two corners, one in each camera, that could be one."""
     in_left, in_right = CameraJunctions.of(left, geometry.left), CameraJunctions.of(right, geometry.right)
     i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
     apart = in_left.at[i, 0] - in_right.at[j, 0]
@@ -250,7 +250,7 @@ def angle(one: Array, other: Array) -> Array:
     return np.asarray(np.abs(np.arctan2(cross, (one * other).sum(-1))))
 
 
-OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says
+OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right camera than the taught angle says
 MOST_ASKED = 0.03  # by how much of its cosine no direction in the plane has the taught angle
 MOST_COUNTED = 6000  # guesses of one part and side of the plane that count as such
 MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
@@ -267,7 +267,7 @@ printed, cluttered, shining and patterned scenes are named in 234 ms, and 27 in 
 21 in 283 ms for 23 in 1,194, which is more than a look has."""
 LENGTH_MM = 1.0
 """Edges whose lengths round to the same in this are one kind."""
-LEAST_NATS = 20.0  # that must speak for two edges in both eyes together
+LEAST_NATS = 20.0  # that must speak for two edges in both cameras together
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,8 +313,8 @@ def poses_from_junctions(
     corners: Junctions3D, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap], solids: SolidBatch
 ) -> tuple[PoseBatch, Array, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_BY_OUTLINE for which most
-    speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
-    its direction (G, 2, 3) cyclopean; and how many could."""
+    speaks; about which line each could be turned and show nearly the same two edges to the left camera, a point of it
+    and its direction (G, 2, 3) cyclopean; and how many could."""
     kinds = junction_kinds(solids.shapes) if solids.shapes else None
     if kinds is None or not len(kinds.part) or not len(corners.at):
         return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
@@ -341,13 +341,13 @@ def _of_outline(
     at: Array, axes: Array, outline_mm: Image32, which: Index, geometry: Baseline,
     maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap],
 ) -> Image32:  # fmt: skip
-    """(N,) nats that both eyes show for the two sides with which the outline between both edges of taught corners (N,)
-    at (N, 3), along axes (N, 3, 3), goes on."""
+    """(N,) nats that both cameras show for the two sides with which the outline between both edges of taught corners
+    (N,) at (N, 3), along axes (N, 3, 3), goes on."""
     away = ((axes[:, :, 2] * at).sum(1) > 0).astype(np.intp)
     points = outline_mm[which, away] @ axes.swapaxes(1, 2).astype(np.float32) + at[:, None].astype(np.float32)
     found = np.zeros(len(at), np.float32)
-    for eye_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
-        shown = (points[..., :2] - np.array([eye_x_mm, 0.0], np.float32)) / points[..., 2:]
+    for camera_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
+        shown = (points[..., :2] - np.array([camera_x_mm, 0.0], np.float32)) / points[..., 2:]
         shown = (shown - seen.origin.astype(np.float32)) * np.float32(seen.scale)
         start, end = shown[:, :2].reshape(-1, 2), shown[:, 2:].reshape(-1, 2)
         found += seen.of_lines(start, end - start, GLANCED)[0].reshape(-1, 2).sum(1)
@@ -361,8 +361,8 @@ def _most(taught: int, corners: int) -> tuple[int, int]:
 
 
 def _hinge(ray: Array, one: Array, other: Array) -> Array:
-    """(G, 3) unit directions about which corners at rays (G, 3) from an eye turn so that both of their edges, along one
-    and other (G, 3), stay in their planes with the eye and keep their angle."""
+    """(G, 3) unit directions about which corners at rays (G, 3) from a camera turn so that both of their edges, along
+    one and other (G, 3), stay in their planes with the camera and keep their angle."""
     one, other = (ray - edge * (edge * ray).sum(1, keepdims=True) for edge in (one, other))
     found = np.cross(one, other)
     return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
@@ -393,8 +393,8 @@ def _nats(
     corners: Junctions3D, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap], kinds: Kinds,
     could: Flags, other: Array,
 ) -> Image32:  # fmt: skip
-    """(C, 2, T) what speaks in both eyes for the two edges of every kind of corner at every corner in space, its second
-    edge on either side; minus infinity where that could not be."""
+    """(C, 2, T) what speaks in both cameras for the two edges of every kind of corner at every corner in space, its
+    second edge on either side; minus infinity where that could not be."""
     count = len(corners.at)
     begin = np.nonzero(could)[2]
     ray = np.cumsum(could.reshape(-1)).reshape(could.shape) - 1
@@ -403,9 +403,9 @@ def _nats(
     lengths = np.tile(kinds.first_mm.astype(np.float32), count)
     first = np.zeros(len(every), np.float32)
     rest = np.zeros(len(where), np.float32)
-    for eye_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
-        first += Rays.of(corners.at, corners.firm, eye_x_mm, seen).of_edges(every, lengths)
-        rays = Rays.of(corners.at[begin], other[could], eye_x_mm, seen)
+    for camera_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
+        first += Rays.of(corners.at, corners.firm, camera_x_mm, seen).of_edges(every, lengths)
+        rays = Rays.of(corners.at[begin], other[could], camera_x_mm, seen)
         rest += rays.of_edges(ray[side, kinds.at[second], where], kinds.second_mm[second].astype(np.float32))
     seconds = np.full((count, 2, len(kinds.at)), -np.inf, np.float32)
     seconds[where, side, second] = rest

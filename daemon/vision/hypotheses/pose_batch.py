@@ -38,7 +38,7 @@ class PoseBatch:
         return PoseBatch(self.solids, np.append(self.part, others.part), poses)
 
     def corners_mm(self, geometry: Baseline) -> Image32:
-        """(G, K, 3) from the middle between the eyes, in axes of the baseline."""
+        """(G, K, 3) from the middle between the cameras, in axes of the baseline."""
         turn = geometry.cyclopean_from_baseline.T
         rotation = (turn @ self.poses[:, :3, :3]).astype(np.float32)
         shift = ((self.poses[:, :3, 3] - geometry.middle_mm) @ turn.T).astype(np.float32)
@@ -53,18 +53,18 @@ class PoseBatch:
     def in_view(self, camera_mm: Array) -> Flags:
         """(G, F) which facets are turned to a camera at (3,) mm, cyclopean."""
         way = (camera_mm - self.poses[:, :3, 3])[:, None]
-        eye = (way @ self.poses[:, :3, :3])[:, 0].astype(np.float32)  # where each part has it
+        camera = (way @ self.poses[:, :3, :3])[:, 0].astype(np.float32)  # where each part has it
         planes = self.solids.planes
         facets = planes.shape[1] // 2
         normals, middles = planes[:, :facets], planes[:, facets:]
-        along = (planes[self.part] @ eye[:, :, None])[..., 0]
+        along = (planes[self.part] @ camera[:, :, None])[..., 0]
         towards = along[:, :facets] - (normals * middles).sum(2)[self.part]
-        away2 = (eye * eye).sum(1)[:, None] - 2 * along[:, facets:] + (middles * middles).sum(2)[self.part]
+        away2 = (camera * camera).sum(1)[:, None] - 2 * along[:, facets:] + (middles * middles).sum(2)[self.part]
         return np.asarray(towards > LEAST_FACING * np.sqrt(away2))
 
     def in_either_view(self, geometry: Baseline) -> Flags:
         """(G, F) which facets are turned to either camera."""
-        left, right = (self.in_view(camera_mm) for camera_mm in geometry.eyes_mm)
+        left, right = (self.in_view(camera_mm) for camera_mm in geometry.cameras_mm)
         return left | right
 
     def edges(self, camera_mm: Array) -> tuple[Index, Index]:
@@ -80,7 +80,7 @@ class PoseBatch:
 
 
 def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
-    """Where either eye sees points (..., 3) as PoseBatch.corners_mm has them: ideal coordinates (N, 2) each."""
+    """Where either camera sees points (..., 3) as PoseBatch.corners_mm has them: ideal coordinates (N, 2) each."""
     x, y, z = np.moveaxis(corners_mm, -1, 0).reshape(3, -1)
     by_z = 1 / z
     height, half = y * by_z, np.float32(geometry.length_mm / 2)
@@ -88,6 +88,6 @@ def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
 
 
 def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
-    """Where either eye sees points (N, 3) mm cyclopean: (N, 2) px each."""
+    """Where either camera sees points (N, 3) mm cyclopean: (N, 2) px each."""
     left, right = geometry.project(points)
     return geometry.left.pixels(left), geometry.right.pixels(right)

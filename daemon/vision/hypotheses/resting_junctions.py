@@ -1,9 +1,9 @@
-"""Where taught parts would be that rest on a table and have such a corner as one eye sees: for where both see none.
+"""Where taught parts would be that rest on a table and have such a corner as one camera sees: for where both see none.
 
-In: segment corners of one eye, a table, taught solids, maps of segments. Out: poses, to be laid onto both images. A
+In: segment corners of one camera, a table, taught solids, maps of segments. Out: poses, to be laid onto both images. A
 guess is no recognition. How high a corner of a part is over the table that it rests on says where on its sight it lies;
 the longer of its edges says how the part is turned; the other must point where that has it, neither may show longer
-than it is, and the other eye bears both out.
+than it is, and the other camera bears both out.
 """
 
 from dataclasses import dataclass
@@ -34,14 +34,14 @@ LEAST_LEVEL = 0.3
 LEAST_SLOPE = 0.15
 """Of the sight against the table."""
 BEHIND = 0.1
-"""Of a corner's depth: what ends nearer to the eye is not in sight."""
+"""Of a corner's depth: what ends nearer to the camera is not in sight."""
 TOO_LONG, ROOM = 1.1, 0.01
 """So many times its length an edge may show, and so much more in ideal coordinates."""
 MOST_ASKED, MOST_GUESSES = 100_000, 1500
-"""Kinds of taught corners times corners of one eye, as many of these as that leaves; of their guesses those that the
-other eye bears out most."""
+"""Kinds of taught corners times corners of one camera, as many of these as that leaves; of their guesses those that the
+other camera bears out most."""
 SHARES = np.array([0.1, 0.3, 0.5, 0.7, 0.9], np.float32)
-"""At which shares of an edge the other eye is asked."""
+"""At which shares of an edge the other camera is asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,32 +91,33 @@ def poses_on_support(
     table: TablePlane,
     solids: SolidBatch,
 ) -> tuple[PoseBatch, int]:
-    """Taught corners laid onto the corners that either eye sees, of parts that rest on a table, and how many could."""
+    """Taught corners laid onto the corners that either camera sees, of parts that rest on a table, and how many
+    could."""
     taught = resting_junctions_of(solids.shapes)
     if not len(taught.corner):
         return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
     turn = geometry.cyclopean_from_baseline
     parts, poses, tests = list[Index](), list[Array](), 0
-    for k, eye in enumerate((geometry.left, geometry.right)):
-        corners = CameraJunctions.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), eye).longer_first()
-        eye_mm = geometry.middle_mm + (k - 0.5) * geometry.length_mm * turn[:, 0]
-        which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ eye_mm) - table.level_mm)
+    for k, camera in enumerate((geometry.left, geometry.right)):
+        corners = CameraJunctions.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), camera).longer_first()
+        viewpoint_mm = geometry.middle_mm + (k - 0.5) * geometry.length_mm * turn[:, 0]
+        which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ viewpoint_mm) - table.level_mm)
         tests += len(which)
         from_other = at - [(1 - 2 * k) * geometry.length_mm, 0.0, 0.0]
         own = taught.corner[which]
         best = _borne(from_other, ways, taught.taught.lengths_mm[own], maps[1 - k])
         own = own[best]
-        from_corner = frames.rigid(turn @ basis(ways[0, best], ways[1, best]), at[best] @ turn.T + eye_mm)
+        from_corner = frames.rigid(turn @ basis(ways[0, best], ways[1, best]), at[best] @ turn.T + viewpoint_mm)
         parts.append(taught.taught.part[own])
         poses.append(from_corner @ taught.taught.corner_from_part[own])
     return PoseBatch(solids, np.concatenate(parts), np.concatenate(poses)), tests
 
 
 def _possible(
-    corners: CameraJunctions, taught: RestingJunctions, up: Array, eye_mm: float
+    corners: CameraJunctions, taught: RestingJunctions, up: Array, viewpoint_mm: float
 ) -> tuple[Index, Array, Array]:
-    """Which taught corners (N,) could lie where, (N, 3) mm from the eye, and where both of their edges point then
-    (2, N, 3), in axes of the baseline; the eye is so high over the table, up (3,) is away from that."""
+    """Which taught corners (N,) could lie where, (N, 3) mm from the camera, and where both of their edges point then
+    (2, N, 3), in axes of the baseline; the camera is so high over the table, up (3,) is away from that."""
     ray = np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1)
     slope = -ray @ up
     flat = slope > LEAST_SLOPE
@@ -127,7 +128,7 @@ def _possible(
     kind, c, bearing = _turned(corners, ray, axes, taught.kinds)
     ways = _ways(bearing, taught.kinds[kind], axes)
     of, which = runs(taught.begins[kind], np.diff(taught.begins)[kind])
-    depth = (eye_mm - taught.height_mm[which]) / slope[c[of]]
+    depth = (viewpoint_mm - taught.height_mm[which]) / slope[c[of]]
     good = depth > 0
     which, of, depth = which[good], of[good], depth[good]
     shown = np.linalg.norm(corners.arms, axis=2)[c[of]]
@@ -181,7 +182,7 @@ def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> 
 
 
 def _borne(at: Array, ways: Array, lengths_mm: Array, seen: DirectionalEdgeMap) -> Index:
-    """Of corners at (N, 3) from an eye, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
+    """Of corners at (N, 3) from a camera, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
     it has most of."""
     nats = np.zeros(len(at), np.float32)
     start = ((at[:, :2] / at[:, 2:] - seen.origin) * seen.scale).astype(np.float32)

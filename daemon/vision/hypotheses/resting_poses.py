@@ -48,8 +48,8 @@ HIGH_MM = 40.0
 
 @dataclass(frozen=True, eq=False)
 class SupportPlane:
-    """The table that parts lie on, as both eyes see it or else as somebody knows it: then what does not lie on it may
-    lie on something else."""
+    """The table that parts lie on, as both cameras see it or else as somebody knows it: then what does not lie on it
+    may lie on something else."""
 
     table: TablePlane
     seen: bool
@@ -153,9 +153,9 @@ def nearest_resting_plane(solid: Polyhedron, down: Array) -> tuple[Array, Array]
 
 
 def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: Baseline) -> tuple[PoseBatch, Array]:
-    """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
-    it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
-    what was laid down. Others stay as they are.
+    """Guesses that could be rests turned about a point of each until they are, and moved along the left camera's sight
+    of it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction
+    for what was laid down. Others stay as they are.
 
     Where a corner is the pictures say; how far away it is, and how a part is tilted in depth, the table says better.
     """
@@ -209,7 +209,7 @@ def _side_by_side(shapes: tuple[Polyhedron, ...]) -> Array:
 
 
 TABLE_MM, TABLE_RAD = 0.15, np.radians(0.1)
-"""How well the table that both eyes see is known where a part stands, standard deviations: in half of the rendered
+"""How well the table that both cameras see is known where a part stands, standard deviations: in half of the rendered
 scenes it is .07 mm and .03 degrees off, in one of twenty .2 mm and .14 degrees."""
 LIES, SUNK = chi_square_limit(3, 0.01), chi_square_limit(3, 1e-6)
 """Chi-square of a part's height and tilt against the table: more, and it stands on something else; for one that seems

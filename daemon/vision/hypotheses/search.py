@@ -45,8 +45,8 @@ SEARCHED, FEWEST_LAID = 0.6, 5
 WORTH = 0.6
 """Of the evidence for the best guess at a place, what another there must have to be laid as well."""
 MOST_PROMISING, OF_A_BUNDLE = 600, 4
-"""Guesses that a glance speaks for, of which both eyes are asked; and where there are more, how many at much the same
-pose: a part in plain sight has thousands, and one beside it is there as well."""
+"""Guesses that a glance speaks for, of which both cameras are asked; and where there are more, how many at much the
+same pose: a part in plain sight has thousands, and one beside it is there as well."""
 LEAST_NATS = 180.0
 """Evidence of segments against chance, a third of which a guess must have to be looked at."""
 FEWEST_IN_VIEW = 2
@@ -55,10 +55,10 @@ FEWEST_IN_VIEW = 2
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What guesses are made from: both eyes, the taught parts, groups of facets without a name, what the left eye sees
-    of the parts that have one, maps of segments of both eyes, and the table, where that is seen or known."""
+    """What guesses are made from: both cameras, the taught parts, groups of facets without a name, what the left camera
+    sees of the parts that have one, maps of segments of both cameras, and the table, where that is seen or known."""
 
-    eyes: StereoImages
+    images: StereoImages
     model: Model
     unnamed: Sequence[Group]
     named: Sequence[PlanarShape]
@@ -68,17 +68,17 @@ class Search:
     @cached_property
     def uncluttered(self) -> bool:
         """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
-        return self.eyes.uncluttered(VisionSettings())
+        return self.images.uncluttered(VisionSettings())
 
     @cached_property
     def circles(self) -> list[SeenCircle]:
-        """Circles that both eyes see, of about the radii of taught rims."""
-        return circles_seen(self.eyes, taught_radii(taught_solids(self.model).shapes))
+        """Circles that both cameras see, of about the radii of taught rims."""
+        return circles_seen(self.images, taught_radii(taught_solids(self.model).shapes))
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
-        """Where straight segments meet, in either eye."""
-        left, right = (segment_corners(joined(view.segments)) for view in self.eyes.views)
+        """Where straight segments meet, in either camera."""
+        left, right = (segment_corners(joined(view.segments)) for view in self.images.views)
         return left, right
 
 
@@ -121,11 +121,11 @@ def hypotheses_from_facets(search: Search, spent: Callable[[], float]) -> Ranked
 
 
 def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By corners that both eyes see, and by facets that have no name if these were not asked by themselves."""
+    """By corners that both cameras see, and by facets that have no name if these were not asked by themselves."""
     left, right = search.corners
     if spent() > SEARCHED:
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
-    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    solids, geometry = taught_solids(search.model), search.images.geometry
     posed, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
     more, nats = _by_circles(search)
     more_hinges = np.zeros((len(nats), 2, 3))
@@ -158,14 +158,14 @@ def _laid_down(search: Search, posed: PoseBatch, hinges: Array) -> tuple[PoseBat
     """Guesses and their hinges (G, 2, 3), laid onto the table where that is known."""
     if search.ground is None:
         return posed, hinges
-    return snapped_poses(posed, hinges, search.ground.table, search.eyes.geometry)
+    return snapped_poses(posed, hinges, search.ground.table, search.images.geometry)
 
 
 def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By corners that one eye sees; nothing where no table is known."""
+    """By corners that one camera sees; nothing where no table is known."""
     if search.ground is None or spent() > SEARCHED:
         return RankedHypotheses([], 0)
-    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    solids, geometry = taught_solids(search.model), search.images.geometry
     posed, tests = poses_on_support(search.corners, geometry, search.maps, search.ground.table, solids)
     return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
 
@@ -180,7 +180,7 @@ def _likeliest(
 ) -> RankedHypotheses:
     """Those of many poses for which most speaks, segments and further nats (G,), each turned about its hinge (G, 2, 3)
     to where most does."""
-    geometry, maps, further = search.eyes.geometry, search.maps, np.broadcast_to(further, len(posed.part))
+    geometry, maps, further = search.images.geometry, search.maps, np.broadcast_to(further, len(posed.part))
     good, by_glance = promising(posed, geometry, maps, further)
     good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
@@ -199,7 +199,7 @@ def _likeliest(
 
 
 def _varied(guesses: ScoredPoses) -> Index:
-    """Those that both eyes are asked of: where they are too many, a few of every bundle."""
+    """Those that both cameras are asked of: where they are too many, a few of every bundle."""
     if len(guesses.against) <= MOST_PROMISING:
         return np.arange(len(guesses.against))
     few = thinned(guesses, OF_A_BUNDLE)
@@ -211,7 +211,7 @@ def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[Edg
     least where two could be there; and beyond these the best of each other part."""
     kept, rivals, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
     posed, labels = guesses.posed, list(search.model.metric)
-    for k, corners_px in islice(distinct(guesses, search.eyes), LOOKED_AT):
+    for k, corners_px in islice(distinct(guesses, search.images), LOOKED_AT):
         shape, against, label = PlanarShape.hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         theirs = [one for _, one in there]
@@ -254,22 +254,22 @@ def thinned(guesses: ScoredPoses, of_each: int = 1) -> Index:
     return np.asarray(order[ranks(bundle[order]) < of_each])
 
 
-def distinct(guesses: ScoredPoses, eyes: StereoImages) -> Iterator[tuple[int, Array]]:
+def distinct(guesses: ScoredPoses, images: StereoImages) -> Iterator[tuple[int, Array]]:
     """Which of a few hundred have the middle of what shows inside both images, the likeliest first, none of which looks
-    like an earlier one; and where the left eye sees all corners of each (K, 2) px."""
+    like an earlier one; and where the left camera sees all corners of each (K, 2) px."""
     posed = guesses.posed
     if not len(posed.part):
         return
-    pose, facet = np.nonzero(posed.in_either_view(eyes.geometry))
+    pose, facet = np.nonzero(posed.in_either_view(images.geometry))
     shows = np.zeros((len(posed.part), posed.solids.corners_mm.shape[1]), bool)
     shows[pose[:, None], posed.solids.rings[posed.part[pose], facet]] = True
-    corners_mm, own = posed.corners_mm(eyes.geometry), posed.solids.own[posed.part]
+    corners_mm, own = posed.corners_mm(images.geometry), posed.solids.own[posed.part]
     count = shows.sum(1)
     middle_mm = (corners_mm * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]
-    geometry = eyes.geometry
+    geometry = images.geometry
     both = zip((geometry.left, geometry.right), ideal(corners_mm, geometry), strict=True)
-    seen = [eye.pixels(corners.astype(float)).reshape(*shows.shape, 2) for eye, corners in both]
-    most = np.array(eyes.rig.image_size) - 1 - ROOM_PX
+    seen = [camera.pixels(corners.astype(float)).reshape(*shows.shape, 2) for camera, corners in both]
+    most = np.array(images.rig.image_size) - 1 - ROOM_PX
     inside = count > 0
     for px in seen:
         middle = (px * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]

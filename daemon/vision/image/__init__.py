@@ -1,4 +1,4 @@
-"""One image -> straight-sided outlines and sub-pixel corners. Nothing is compared with the other eye here.
+"""One image -> straight-sided outlines and sub-pixel corners. Nothing is compared with the other camera here.
 
 stereo_images.py keeps the two together: what a look prepares once, and everything that runs over it takes.
 """

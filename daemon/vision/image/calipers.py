@@ -85,18 +85,18 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     return Calipers(side, first, count, at, base, here[6:8], normal, spacing_px)
 
 
-def lens_bow(start_px: Array, end_px: Array, eye: RectifiedCamera | None) -> Array | None:
+def lens_bow(start_px: Array, end_px: Array, camera: RectifiedCamera | None) -> Array | None:
     """How far (S, 2) px the middle of each truly straight side lies from its chord in the distorted image.
 
-    None where there is no eye whose lens would bend anything.
+    None where there is no camera whose lens would bend anything.
 
     Along the side the bow is a parabola to well under 0.01 px for lenses of ordinary distortion.
     """
-    if eye is None:
+    if camera is None:
         return None
-    ends = eye.ideal(np.concatenate([start_px, end_px]))
+    ends = camera.ideal(np.concatenate([start_px, end_px]))
     n = len(start_px)
-    middle = eye.pixels((ends[:n] + ends[n:]) / 2)
+    middle = camera.pixels((ends[:n] + ends[n:]) / 2)
     chord = end_px - start_px
     off = middle - (start_px + end_px) / 2
     along = (off * chord).sum(1) / np.maximum((chord * chord).sum(1), 1e-9)

@@ -249,11 +249,11 @@ def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredImage:
-    """What sides are fitted to: fine grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
+    """What sides are fitted to: fine grey levels (H, W), their noise, and the camera whose lens bends lines, if any."""
 
     image: Fine
     noise: Noise
-    eye: RectifiedCamera | None
+    camera: RectifiedCamera | None
 
 
 def fit_sides(
@@ -294,7 +294,7 @@ def _bows(exposures: Sequence[tuple[MeasuredImage, int]], start: Array, end: Arr
     bows, first = np.zeros_like(start), 0
     for exposure, count in exposures:
         own = slice(first, first + count)
-        bow = lens_bow(start[own], end[own], exposure.eye)
+        bow = lens_bow(start[own], end[own], exposure.camera)
         if bow is not None:
             bows[own] = bow
         first += count

@@ -2,7 +2,7 @@
 levels, with corners to sub-pixel and their covariance.
 
 Several outlines of one region may live side by side (with and without a doubtful corner); which of them is true is
-decided when both eyes are compared. Nothing here knows of the other eye.
+decided when both cameras are compared. Nothing here knows of the other camera.
 """
 
 from __future__ import annotations

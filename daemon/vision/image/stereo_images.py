@@ -1,5 +1,5 @@
-"""What the two eyes of one look see, prepared once: each thing is made when it is first asked for, and kept. Nothing is
-compared here."""
+"""What the two cameras of one look see, prepared once: each thing is made when it is first asked for, and kept. Nothing
+is compared here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -46,18 +46,18 @@ from daemon.vision.settings import VisionSettings
 
 GRAIN_PX = 5
 LEAST_ASIDE_DEG = 15.0
-"""Of every sight against the line from eye to eye: along that line no depth can be measured, and near to it what both
-eyes see of one thing is of as many sizes as there are depths. Eyes that look straight ahead have this in pictures 150
-degrees wide."""
+"""Of every sight against the line from camera to camera: along that line no depth can be measured, and near to it what
+both cameras see of one thing is of as many sizes as there are depths. Cameras that look straight ahead have this in
+pictures 150 degrees wide."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
-    """One eye's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count, rough
-    polygons by what was asked for, what outlines lie near these, and what was fitted to outlines.
+    """One camera's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count,
+    rough polygons by what was asked for, what outlines lie near these, and what was fitted to outlines.
     """
 
-    eye: RectifiedCamera
+    rectified: RectifiedCamera
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
     windows: dict[float, Window | None] = field(default_factory=dict)
@@ -146,7 +146,7 @@ class CameraImage:
     @cached_property
     def exposure(self) -> MeasuredImage:
         """What sides are fitted to."""
-        return MeasuredImage(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.eye)
+        return MeasuredImage(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.rectified)
 
     @property
     def blur_px(self) -> float | None:
@@ -158,7 +158,7 @@ class CameraImage:
 def outlines_near(
     asked: Sequence[tuple[CameraImage, Sequence[RoughPolygon]]], settings: VisionSettings
 ) -> list[tuple[Outline, ...]]:
-    """Each eye's outlines near rough polygons, best supported first; all eyes' side by side."""
+    """Each camera's outlines near rough polygons, best supported first; all cameras' side by side."""
     new = [(view, [p for p in rough if p not in view.outlined]) for view, rough in asked]
     found = iter(find_outlines([Wanted(view.smooth, view.grain, own) for view, own in new if own], settings))
     for view, own in new:
@@ -167,7 +167,8 @@ def outlines_near(
 
 
 def fits(asked: Sequence[tuple[CameraImage, Sequence[Outline]]]) -> list[list[Fitted | None]]:
-    """Each eye's outlines fitted to its grey levels, or None where the fit strays from it; all eyes' side by side."""
+    """Each camera's outlines fitted to its grey levels, or None where the fit strays from it; all cameras' side by
+    side."""
     new = [[o for o in dict.fromkeys(outlines) if o not in view.fitted] for view, outlines in asked]
     found = iter(fit_polygons([(view.exposure, own) for (view, _), own in zip(asked, new, strict=True)]))
     for (view, _), own in zip(asked, new, strict=True):
@@ -177,7 +178,7 @@ def fits(asked: Sequence[tuple[CameraImage, Sequence[Outline]]]) -> list[list[Fi
 
 @dataclass(frozen=True, eq=False)
 class StereoImages:
-    """A stereo pair: what each eye sees, the rig, and the rig as its baseline has it."""
+    """A stereo pair: what each camera sees, the rig, and the rig as its baseline has it."""
 
     left: CameraImage
     right: CameraImage
@@ -202,17 +203,18 @@ def open_stereo(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Ster
     """
     geometry = baseline(rig)
     views = []
-    for image, eye, name in ((left, geometry.left, "left image"), (right, geometry.right, "right image")):
+    for image, camera, name in ((left, geometry.left, "left image"), (right, geometry.right, "right image")):
         grey = as_grey(image, name)
         check_size(grey, rig.image_size, name)
-        check_aside(eye, rig.image_size, name)
-        views.append(CameraImage(eye, grey))
+        check_aside(camera, rig.image_size, name)
+        views.append(CameraImage(camera, grey))
     return StereoImages(views[0], views[1], rig, geometry)
 
 
-def check_aside(eye: RectifiedCamera, image_size: tuple[int, int], name: str) -> None:
-    """Raise VisionError unless an eye looks across the line from eye to eye in all of its image (width, height)."""
-    aside = _aside_deg(eye, image_size)
+def check_aside(camera: RectifiedCamera, image_size: tuple[int, int], name: str) -> None:
+    """Raise VisionError unless a camera looks across the line from camera to camera in all of its image (width,
+    height)."""
+    aside = _aside_deg(camera, image_size)
     if not aside >= LEAST_ASIDE_DEG:
         raise VisionError(
             f"{name}: taken along the line from camera to camera ({aside:.0f} degrees off it at the rim, at least "
@@ -222,5 +224,5 @@ def check_aside(eye: RectifiedCamera, image_size: tuple[int, int], name: str) ->
 
 
 @lru_cache(maxsize=8)
-def _aside_deg(eye: RectifiedCamera, image_size: tuple[int, int]) -> float:
-    return degrees(eye.least_aside(image_size))
+def _aside_deg(camera: RectifiedCamera, image_size: tuple[int, int]) -> float:
+    return degrees(camera.least_aside(image_size))

@@ -191,7 +191,7 @@ def _typed(group: Group, model: Model) -> _Typed:
 
 
 def _doubted(facet: Facet) -> Facet:
-    """The facet, its corners off their epipolar lines less sure: there one eye saw something else."""
+    """The facet, its corners off their epipolar lines less sure: there one camera saw something else."""
     excess = np.maximum(np.abs(facet.epipolar_px) / EPIPOLAR_PX, 1.0) ** 2
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 

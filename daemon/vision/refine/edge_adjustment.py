@@ -1,10 +1,10 @@
-"""Pose and corners of named parts estimated together from the edges of both eyes, at the pose that the images support
-best.
+"""Pose and corners of named parts estimated together from the edges of both cameras, at the pose that the images
+support best.
 
-A real part is not quite the taught one. Where a corner is off, both eyes see it off in the same place, and so do both
-edges that meet there; a fit that takes each edge for its own error would read it as another distance. So each corner
-may leave its place on the part, once for all edges of both eyes. And where edges are broken or worn, all of them draw
-back into the part, away from both eyes: unasked, that is read as a part that is smaller, and farther away.
+A real part is not quite the taught one. Where a corner is off, both cameras see it off in the same place, and so do
+both edges that meet there; a fit that takes each edge for its own error would read it as another distance. So each
+corner may leave its place on the part, once for all edges of both cameras. And where edges are broken or worn, all of
+them draw back into the part, away from both cameras: unasked, that is read as a part that is smaller, and farther away.
 
 A part taught from one side is known by half. Turned by one of its symmetries, a face in view, or the edge that it
 covers another with, may be taught or unknown: a taught edge holds the pose, while a thin face beyond an unknown edge
@@ -62,7 +62,8 @@ def adjusted(
     anchor: tuple[Array, Array] | None = None,
     rims: Sequence[RimPlace] = (),
 ) -> AdjustedPose:
-    """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), and rims of holes say together.
+    """The pose and the corners that the edges measured in both cameras, at a pose (4, 4), and rims of holes say
+    together.
 
     anchor: a pose (4, 4) and the information (6, 6) with which other evidence than these lines holds the part there;
     without it the part is near to where the lines were measured.
@@ -170,12 +171,12 @@ def _wear(found_mm: float, variance_mm2: float) -> tuple[float, float]:
 ROUNDS, SMALL_MM = 3, 0.15
 """How often edges are measured, and a motion of the part after which another time would change nothing."""
 FEWEST_EDGES = 6
-"""Edges in both eyes together that hold a pose."""
+"""Edges in both cameras together that hold a pose."""
 LEVER_MM = 30.0
 
 
 def refined_parts(
-    parts: Sequence[Part], model: Model, eyes: StereoImages, by_edges: Sequence[Part] = ()
+    parts: Sequence[Part], model: Model, images: StereoImages, by_edges: Sequence[Part] = ()
 ) -> tuple[Part, ...]:
     """The parts, the named ones where the edges in both images have them; those that edges named lie there already."""
     better, tolerance = list(parts), model.parameters.tolerance_mm
@@ -184,9 +185,9 @@ def refined_parts(
         for k, part in enumerate(parts)
         if part.named and not any(part is other for other in by_edges)
     }
-    near = {k: _turned(parts[k], most_in_view(solid, parts[k].equivalents, eyes)) for k, solid in named.items()}
+    near = {k: _turned(parts[k], most_in_view(solid, parts[k].equivalents, images)) for k, solid in named.items()}
     poses = [part.cyclopean_from_part for part in near.values()]
-    for (k, part), one in zip(near.items(), _adjusted(list(named.values()), poses, eyes, tolerance), strict=True):
+    for (k, part), one in zip(near.items(), _adjusted(list(named.values()), poses, images, tolerance), strict=True):
         if one is not None:
             better[k] = _moved(part, named[k], one)
     return tuple(better)
@@ -205,7 +206,7 @@ def _turned(part: Part, which: int) -> Part:
 
 
 def _adjusted(
-    shapes: list[Polyhedron], near: list[Array], eyes: StereoImages, tolerance_mm: float
+    shapes: list[Polyhedron], near: list[Array], images: StereoImages, tolerance_mm: float
 ) -> list[AdjustedPose | None]:
     """Each shape where its edges are near its pose (4, 4); None where too few of them show.
 
@@ -216,12 +217,12 @@ def _adjusted(
         return found
     laid, poses, open_ = SolidBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
-        both = measured(expected(laid, eyes, poses, open_, tolerance_mm), eyes, on_place=turn == 0)
+        both = measured(expected(laid, images, poses, open_, tolerance_mm), images, on_place=turn == 0)
         for k in np.flatnonzero(open_).tolist():
             observed = [seen.only(k, laid) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
             if open_[k]:
-                rims = rim_places(shapes[k], poses[k], eyes, tolerance_mm) if shapes[k].holes else []
+                rims = rim_places(shapes[k], poses[k], images, tolerance_mm) if shapes[k].holes else []
                 found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm, rims=rims)
                 open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
                 poses[k] = one.pose
@@ -241,23 +242,23 @@ MORE = 1.02
 """So many times the area in view a pose must show of what was taught to be thought better unasked."""
 
 
-def most_in_view(solid: Polyhedron, poses: Array, eyes: StereoImages) -> int:
+def most_in_view(solid: Polyhedron, poses: Array, images: StereoImages) -> int:
     """Which of the poses (P, 4, 4) cyclopean_from_part has most of what was taught in view; the first where none has
     notably more."""
     if len(poses) < 2:
         return 0
-    areas = _in_view_px2(solid, poses, eyes)
+    areas = _in_view_px2(solid, poses, images)
     most = int(np.argmax(areas))
     return most if most and areas[most] > MORE * areas[0] else 0
 
 
-def _in_view_px2(solid: Polyhedron, poses: Array, eyes: StereoImages) -> Array:
-    """(P,) area of the facets that face each eye, px2, both together, at poses (P, 4, 4)."""
+def _in_view_px2(solid: Polyhedron, poses: Array, images: StereoImages) -> Array:
+    """(P,) area of the facets that face each camera, px2, both together, at poses (P, 4, 4)."""
     here, after, first = solid.steps
     corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     total = np.zeros(len(poses))
-    for view in eyes.views:
-        px = view.eye.camera.project(corners.reshape(-1, 3)).reshape(*corners.shape[:2], 2)
+    for view in images.views:
+        px = view.rectified.camera.project(corners.reshape(-1, 3)).reshape(*corners.shape[:2], 2)
         (x, y), (u, v) = (px[:, which].transpose(2, 0, 1) for which in (here, after))
         total += np.maximum(-np.add.reduceat(x * v - y * u, first, axis=1), 0.0).sum(1) / 2
     return total

@@ -1,8 +1,9 @@
 """A known part's edges laid onto both images: its pose from grey levels, and which of its facets they bear out.
 
 Two faces in the same light melt into one outline, and no facet is found; whoever knows the part and about where it
-lies knows which edges each eye should see, and measures those. Pure: eyes, a shape and a near pose in, a pose out.
-Whether that is enough for a name is by_edges.py's; what to make of a part that is not there is the cycle's business.
+lies knows which edges each camera should see, and measures those. Pure: cameras, a shape and a near pose in, a pose
+out. Whether that is enough for a name is by_edges.py's; what to make of a part that is not there is the cycle's
+business.
 """
 
 from collections.abc import Sequence
@@ -61,7 +62,7 @@ STRETCHES, LEAST_IN_VIEW = 8, 0.5
 SEARCH_DEG = 3.0
 PASSES = 5
 LEAST_OUTLINE = 0.75
-"""Of the length of the outline that an eye should see, what it must show on its place."""
+"""Of the length of the outline that a camera should see, what it must show on its place."""
 LEAST_CLEAR = 0.5
 """Of the length of all edges, what must stand out where a part is followed. Parts of the rendered scenes show 0.7 and
 more, the slow shading of a patterned table where none lies 0.06 and less."""
@@ -86,7 +87,7 @@ BY_PRIOR = np.linalg.inv(PRIOR)
 @dataclass(frozen=True, eq=False)
 class Located:
     """pose (4, 4) cyclopean_from_part of a shape at which edges were last measured; observed: in the left and right
-    eye; information (6, 6) of the pose in those edges that agree.
+    camera; information (6, 6) of the pose in those edges that agree.
     """
 
     shape: Polyhedron
@@ -97,14 +98,14 @@ class Located:
 
 @dataclass(frozen=True, eq=False)
 class LaidFacet:
-    """A facet of a shape that both eyes have in view: its index, and its corners in either eye."""
+    """A facet of a shape that both cameras have in view: its index, and its corners in either camera."""
 
     index: int
     left: MeasuredCorners
     right: MeasuredCorners
 
 
-def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> Located | None:
+def locate(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Located | None:
     """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
     None where too few edges show for that.
 
@@ -115,14 +116,14 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
     for share in ROUGHLY:
         rough = [
             _searched(edges, view, reach_mm * share)
-            for edges, view in zip(_expected(laid, eyes, poses), eyes.views, strict=True)
+            for edges, view in zip(_expected(laid, images, poses), images.views, strict=True)
         ]
         shown_share = _share(rough, [seen.there for seen in rough])
         poses = moved(poses, _solved(rough, reach_mm)[0][None])
     if shown_share < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
-        left, right = measured(_expected(laid, eyes, poses), eyes)
+        left, right = measured(_expected(laid, images, poses), images)
         motion, information = _solved((left, right), reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
         if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
@@ -134,36 +135,36 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
 
 
 def _expected(
-    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
+    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> tuple[ExpectedEdges, ExpectedEdges]:
     """What the left and the right camera should see of one placement: the edges that the part itself does not hide."""
-    both = expected(laid, eyes, poses, np.ones(1, bool), tolerance_mm)
+    both = expected(laid, images, poses, np.ones(1, bool), tolerance_mm)
     if laid.shapes[0].convex:
         return both
     left, right = (
         edges.only(
-            np.flatnonzero(visible_stretches(laid, edges, poses, eye_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW),
+            np.flatnonzero(visible_stretches(laid, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW),
             laid.corners_of(0),
         )
-        for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True)
+        for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True)
     )
     return left, right
 
 
-def fit_edges(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
+def fit_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
     """The pose at which `locate` finds the part, with its covariance.
 
-    None where an eye shows too few of the edges it should see, or they are too faint to be the part's, or leave the
+    None where a camera shows too few of the edges it should see, or they are too faint to be the part's, or leave the
     pose open. Fit.matched counts edges.
     """
-    found = locate(shape, eyes, near, reach_mm)
-    return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
+    found = locate(shape, images, near, reach_mm)
+    return None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found)
 
 
-def fit_each(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
-    """As fit_edges, but what each eye says by itself, for eyes whose places against each other are in doubt."""
-    found = locate(shape, eyes, near, reach_mm)
-    whole = None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
+def fit_each(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
+    """As fit_edges, but what each camera says by itself, for cameras whose places against each other are in doubt."""
+    found = locate(shape, images, near, reach_mm)
+    whole = None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found)
     if found is None or whole is None:
         return None
     alone = (adjusted(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
@@ -173,7 +174,7 @@ def fit_each(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float
 
 def fit_of(found: Located) -> Fit | None:
     """The located pose moved a last time, with its covariance, if so much of its outline is on its place in both
-    eyes."""
+    cameras."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
     if min(shares) < LEAST_OUTLINE:
@@ -187,7 +188,7 @@ def fit_of(found: Located) -> Fit | None:
 
 
 def fit_at(
-    shape: Polyhedron, eyes: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
+    shape: Polyhedron, images: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
     it; and those edges. samples: what stretches show at the pose, where that was asked already.
@@ -196,16 +197,16 @@ def fit_at(
     by themselves most stay on their edges, so that these hold the part where they have it. A part that its lines lead
     farther than PRIOR allows, or out of both pictures, stays at the pose."""
     laid = SolidBatch.of([shape])
-    known = samples or edge_samples_of(laid, eyes, pose[None], tolerance_mm)
+    known = samples or edge_samples_of(laid, images, pose[None], tolerance_mm)
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in known), np.zeros((6, 6)))
     stays = Fit(pose, BY_PRIOR, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
-        left, right = measured(_expected(laid, eyes, pose[None], tolerance_mm), eyes)
+        left, right = measured(_expected(laid, images, pose[None], tolerance_mm), images)
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
-        rims = rim_places(shape, pose, eyes, tolerance_mm) if shape.holes else []
+        rims = rim_places(shape, pose, images, tolerance_mm) if shape.holes else []
         final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rims)
         pose = final.pose
         led = frames.difference(pose, anchor[0])
@@ -218,37 +219,37 @@ def fit_at(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def settled(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> Fit | None:
+def settled(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
     """The pose of a part that is mostly where it is thought to be, near (4, 4) cyclopean_from_part, and may be some
     reach_mm off, by all that its edges, arcs and rims show; None where they do not bear it out."""
-    fit = _settled(shape, eyes, near)
-    if fit is None and (found := locate(shape, eyes, near, reach_mm)) is not None:
-        fit = _settled(shape, eyes, found.pose)
+    fit = _settled(shape, images, near)
+    if fit is None and (found := locate(shape, images, near, reach_mm)) is not None:
+        fit = _settled(shape, images, found.pose)
     return fit
 
 
-def _settled(shape: Polyhedron, eyes: StereoImages, near: Array) -> Fit | None:
+def _settled(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
     laid = SolidBatch.of([shape])
-    pose = aligned_to_edges(laid, eyes, near[None], TOLERANCE_MM)[0]
-    samples = edge_samples_of(laid, eyes, pose[None], TOLERANCE_MM)
+    pose = aligned_to_edges(laid, images, near[None], TOLERANCE_MM)[0]
+    samples = edge_samples_of(laid, images, pose[None], TOLERANCE_MM)
     if EdgeEvidence.of(samples).share < LEAST_BORNE:
         return None
-    fit, _ = fit_at(shape, eyes, pose, TOLERANCE_MM, samples)
+    fit, _ = fit_at(shape, images, pose, TOLERANCE_MM, samples)
     return fit if fit.matched else None
 
 
-def shown(shape: Polyhedron, eyes: StereoImages, pose: Array, reach_mm: float) -> float:
-    """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
-    0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    both = zip(_expected(SolidBatch.of([shape]), eyes, pose[None]), eyes.views, strict=True)
+def shown(shape: Polyhedron, images: StereoImages, pose: Array, reach_mm: float) -> float:
+    """Share of the outline of a part at cyclopean_from_part (4, 4) near which both cameras have edges, within reach_mm;
+    0 where a camera does not have it in view. Cheaper than a fit, and for what is only partly in view."""
+    both = zip(_expected(SolidBatch.of([shape]), images, pose[None]), images.views, strict=True)
     return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
 
 
-def edge_support(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> float:
+def edge_support(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> float:
     """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
     where too few of them show on their place."""
-    found = locate(shape, eyes, near, reach_mm)
-    return 0.0 if found is None or fit_of(found) is None else clear_share(found, eyes)
+    found = locate(shape, images, near, reach_mm)
+    return 0.0 if found is None or fit_of(found) is None else clear_share(found, images)
 
 
 def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
@@ -260,28 +261,28 @@ def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, nea
         return 0.0
     now = measured([seen.edges for seen in found.observed], after)
     then, still = (
-        [_clear(seen, view) for seen, view in zip(observed, eyes.views, strict=True)]
-        for observed, eyes in ((found.observed, before), (now, after))
+        [_clear(seen, view) for seen, view in zip(observed, images.views, strict=True)]
+        for observed, images in ((found.observed, before), (now, after))
     )
     return _share(found.observed, [was & ~stays for was, stays in zip(then, still, strict=True)])
 
 
-def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> Flags:
+def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flags:
     """(2, F) which facets of a part at cyclopean_from_part (4, 4) the left and the right camera see, not edge-on, nor
     mostly outside the picture."""
     points = frames.apply(pose, shape.corners_mm)
     found = np.zeros((2, len(shape.facets)), bool)
-    for own, view in zip(found, eyes.views, strict=True):
-        px = view.eye.camera.project(points)
+    for own, view in zip(found, images.views, strict=True):
+        px = view.rectified.camera.project(points)
         for k in np.flatnonzero(thickness(px[shape.ring_table]) >= THIN_PX[1]).tolist():
-            own[k] = _mostly_in(px[shape.rings[k]], eyes)
+            own[k] = _mostly_in(px[shape.rings[k]], images)
     return found
 
 
-def facets_shown(shape: Polyhedron, eyes: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
+def facets_shown(shape: Polyhedron, images: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) the pictures show, by what either camera has along its
     edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
-    in_view = facets_in_view(shape, eyes, pose)
+    in_view = facets_in_view(shape, images, pose)
     of_both: Flags = np.asarray(in_view.all(0))
     if not of_both.any():
         return 0
@@ -301,23 +302,23 @@ def _sides_of(shape: Polyhedron, facets: Flags, seen: EdgeSamples) -> Flags:
     return found[:-1]
 
 
-def _mostly_in(ring_px: Array, eyes: StereoImages) -> bool:
+def _mostly_in(ring_px: Array, images: StereoImages) -> bool:
     """Whether of the middles of a facet's corners (N, 2) and of its sides more than half are in the picture."""
-    most = np.array(eyes.rig.image_size) - 1
+    most = np.array(images.rig.image_size) - 1
     places = np.concatenate([ring_px, (ring_px + np.roll(ring_px, -1, 0)) / 2])
     return bool(((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN)
 
 
-def clear_share(found: Located, eyes: StereoImages) -> float:
-    """Of the length of all edges in both eyes, that of those on their place that stand out from the shading and the
+def clear_share(found: Located, images: StereoImages) -> float:
+    """Of the length of all edges in both cameras, that of those on their place that stand out from the shading and the
     grain beside them."""
-    good = [_clear(seen, view) for seen, view in zip(found.observed, eyes.views, strict=True)]
+    good = [_clear(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
     return _share(found.observed, good)
 
 
 def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[LaidFacet]:
-    """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
-    from the pose where they do not."""
+    """Every facet that both cameras see, none of them edge-on: its corners from the sides that show where they should,
+    and from the pose where they do not."""
     thick = [thickness(seen.edges.corners_px[shape.ring_table]) >= THIN_PX[1] for seen in observed]
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
@@ -343,8 +344,8 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
 
 
 def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array, Array]:
-    """The motion (6,) that brings a pose onto the edges of both eyes, not much more than the reach; and the information
-    (6, 6) of those that agree."""
+    """The motion (6,) that brings a pose onto the edges of both cameras, not much more than the reach; and the
+    information (6, 6) of those that agree."""
     off, jacobian, doubt, usable = (
         np.concatenate(each)
         for each in zip(*((o.off, o.edges.jacobian, o.doubt, o.there & o.edges.sharp) for o in observed), strict=True)
@@ -356,13 +357,13 @@ def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array
 
 
 def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
-    """Of the length of all edges in both eyes, that of the good ones."""
+    """Of the length of all edges in both cameras, that of the good ones."""
     lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
     return float(lengths @ np.concatenate(good) / max(lengths.sum(), 1e-9))
 
 
 def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
-    """Of the length of the outline in one eye, that of the good edges; 0 where none of it is in view."""
+    """Of the length of the outline in one camera, that of the good edges; 0 where none of it is in view."""
     lengths = edges.lengths_px * edges.outline
     return float(lengths[good].sum()) / float(lengths.sum()) if lengths.sum() > 0 else 0.0
 

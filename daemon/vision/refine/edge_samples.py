@@ -1,9 +1,9 @@
 """Stretch by stretch, how the grey levels change across every edge that parts at their poses should show: where poses
 are better, and how much more speaks for each than chance would give beside these very edges.
 
-In: eyes, taught solids at near poses. Out: poses and evidence. Print or wear beside an edge pulls some of its stretches
-aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) for the pose; for the
-evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is taken on the parallels of each edge.
+In: cameras, taught solids at near poses. Out: poses and evidence. Print or wear beside an edge pulls some of its
+stretches aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) for the pose; for the evidence an
+a contrario count (Desolneux, Moisan and Morel 2000) whose chance is taken on the parallels of each edge.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ class EdgeEvidence(NamedTuple):
 
     @classmethod
     def of(cls, both: Sequence[EdgeSamples], own: Sequence[Flags] | None = None) -> EdgeEvidence:
-        """By the stretches of both eyes along the edges of one placement, or along some of them, (E,) in either eye."""
+        """By the stretches of both cameras along the edges of one placement, or along some of them, (E,) in either
+        camera."""
         which = own or [np.ones(len(seen.surprise), bool) for seen in both]
         nats = sum(float(seen.nats[one].sum()) for seen, one in zip(both, which, strict=True))
         most = sum(float(seen.weight[one].sum()) for seen, one in zip(both, which, strict=True)) * (MOST_SURPRISE - 1)
@@ -113,10 +114,11 @@ class EdgeEvidence(NamedTuple):
 
 
 def edge_samples_of(
-    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> list[EdgeSamples]:
-    """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for expected."""
-    both, sigmas = _slopes(laid, eyes, poses, tolerance_mm, thin_px)
+    """What each camera shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for
+    expected."""
+    both, sigmas = _slopes(laid, images, poses, tolerance_mm, thin_px)
     size = np.abs(sigmas)
     edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
     own = edge[..., _OFF <= ON_PLACE_PX].max(2)
@@ -126,37 +128,37 @@ def edge_samples_of(
     places = beside.shape[1] * beside.shape[2]
     surprise = -np.log(np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0))
     found, first = [], 0
-    for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True):
+    for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True):
         here = slice(first, first := first + len(edges.start))
-        visible = visible_stretches(laid, edges, poses, eye_mm, sigmas.shape[1])
+        visible = visible_stretches(laid, edges, poses, viewpoint_mm, sigmas.shape[1])
         found.append(EdgeSamples(edges, sigmas[here], surprise[here], near[here] > 0, visible))
     return found
 
 
 def _slopes(
-    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> tuple[tuple[ExpectedEdges, ExpectedEdges], NDArray[np.float32]]:
     """The left and the right camera's expected edges, and the sigmas (E, S, C) of the slopes across their stretches,
     the left one's first."""
-    both = expected(laid, eyes, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
+    both = expected(laid, images, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
     start, end, bow = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end", "bow"))
-    images = [(view.smooth, len(edges.start)) for view, edges in zip(eyes.views, both, strict=True)]
+    smooth = [(view.smooth, len(edges.start)) for view, edges in zip(images.views, both, strict=True)]
     # Outwards as across() has it, and back in the order of the edges.
-    return both, stretch_slopes(images, end, start, REACH_PX, bow[:, ::-1])[:, ::-1]
+    return both, stretch_slopes(smooth, end, start, REACH_PX, bow[:, ::-1])[:, ::-1]
 
 
-def aligned_to_edges(laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:
-    """The poses (P, 4, 4) moved to where the stretches of both eyes have the edges."""
+def aligned_to_edges(laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float) -> Array:
+    """The poses (P, 4, 4) moved to where the stretches of both cameras have the edges."""
     for rounds in ROUNDS_PX:
-        poses = _moved(laid, eyes, poses, tolerance_mm, rounds)
+        poses = _moved(laid, images, poses, tolerance_mm, rounds)
     return poses
 
 
 def _moved(
-    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
+    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
 ) -> Array:
     count = len(poses)
-    both, slopes = _slopes(laid, eyes, poses, tolerance_mm)
+    both, slopes = _slopes(laid, images, poses, tolerance_mm)
     if not len(slopes):
         return poses
     stretches = slopes.shape[1]

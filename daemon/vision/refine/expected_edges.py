@@ -1,5 +1,5 @@
-"""Which edges each eye should see with known parts at known poses, and their sub-pixel lines as both images have them.
-Edges that may lie farther off are searched for in edge_pose.py.
+"""Which edges each camera should see with known parts at known poses, and their sub-pixel lines as both images have
+them. Edges that may lie farther off are searched for in edge_pose.py.
 """
 
 from __future__ import annotations
@@ -77,13 +77,13 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
 
 @dataclass(frozen=True, eq=False)
 class ExpectedEdges:
-    """Edges one eye should see with parts at their poses, placement after placement: owner (E,), the placement of each;
-    ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
-    with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one facing
-    facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px (E,):
-    what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors; bow
-    (E, 3): how far across the edge, px, the arc that it is a chord of lies at its start, middle and end; 0 where it is
-    straight.
+    """Edges one camera should see with parts at their poses, placement after placement: owner (E,), the placement of
+    each; ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its
+    edge with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one
+    facing facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px
+    (E,): what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors;
+    bow (E, 3): how far across the edge, px, the arc that it is a chord of lies at its start, middle and end; 0 where it
+    is straight.
     """
 
     owner: Index
@@ -130,7 +130,7 @@ class ExpectedEdges:
 
 @dataclass(frozen=True, eq=False)
 class EdgeObservation:
-    """Edges of one eye as found: off (E, 2) px from their places, across them, with covariance doubt (E, 2, 2);
+    """Edges of one camera as found: off (E, 2) px from their places, across them, with covariance doubt (E, 2, 2);
     there (E,): which show at all; sides: as measured, None where they were only searched for.
     """
 
@@ -166,7 +166,7 @@ class EdgeObservation:
 
 def expected(
     laid: SolidBatch,
-    eyes: StereoImages,
+    images: StereoImages,
     poses: Array,
     wanted: Flags,
     tolerance_mm: float,
@@ -175,7 +175,7 @@ def expected(
     """The edges of the facets that look at the left and the right camera, as far as they are inside its image, of the
     wanted (P,) of the placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one
     another."""
-    px, slope = corners_in([view.eye.camera for view in eyes.views], poses, laid.corners_mm)
+    px, slope = corners_in([view.rectified.camera for view in images.views], poses, laid.corners_mm)
     begins = laid.first_corners[:, None, None]
     thick = np.full((2, len(poses), laid.rings.shape[1] + 1), -np.inf)
     thick[..., :-1] = thickness(px[:, laid.rings + begins])
@@ -184,27 +184,27 @@ def expected(
     if len(owner):
         chords = laid.corners_mm[owner[:, None], laid.ends[owner, edge]]
         turned_in = poses[owner, :3, :3] @ np.stack([laid.walls[owner, edge], chords.mean(1)], 2)
-        for own, eye_mm in zip(thick_px, eyes.geometry.eyes_mm, strict=True):
-            ray = eye_mm - poses[owner, :3, 3] - turned_in[..., 1]
+        for own, viewpoint_mm in zip(thick_px, images.geometry.cameras_mm, strict=True):
+            ray = viewpoint_mm - poses[owner, :3, 3] - turned_in[..., 1]
             own[owner, edge, 1] = WALL_PX * (turned_in[..., 0] * ray).sum(1) / np.linalg.norm(ray, axis=1)
     facing = (thick_px >= thin_px[1]).sum(3)
     clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(3))
-    eye, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
+    camera, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
     ends = (laid.ends + begins)[owner, edge]
-    start, end = px[eye, ends[:, 0]], px[eye, ends[:, 1]]
-    first, last = _inside(start, end, eyes.rig.image_size)
+    start, end = px[camera, ends[:, 0]], px[camera, ends[:, 1]]
+    first, last = _inside(start, end, images.rig.image_size)
     least = np.where(laid.circles[owner, edge, 3] > 0, LEAST_ARC_PX, LEAST_LENGTH_PX)
     keep = (last - first) * np.hypot(*(end - start).T) >= least
-    eye, owner, edge, ends, start, end = (each[keep] for each in (eye, owner, edge, ends, start, end))
+    camera, owner, edge, ends, start, end = (each[keep] for each in (camera, owner, edge, ends, start, end))
     first, last, way = first[keep, None], last[keep, None], end - start
     normal = across(start, end)[:, None]
-    moves = (normal[:, None] @ slope[eye[:, None], ends])[:, :, 0]  # across the edge, of either corner
+    moves = (normal[:, None] @ slope[camera[:, None], ends])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
-    sharp = clear[eye, owner, edge]
+    sharp = clear[camera, owner, edge]
     depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
-    px_per_mm = np.array([view.eye.focal_px for view in eyes.views])[eye] / depth_mm[owner]
-    outline = (facing[eye, owner, edge] == 1) & sharp
+    px_per_mm = np.array([view.rectified.focal_px for view in images.views])[camera] / depth_mm[owner]
+    outline = (facing[camera, owner, edge] == 1) & sharp
     bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
     start, end, jacobian = start + first * way, start + last * way, by_corner.sum(2)
     bow = np.zeros((len(owner), 3))
@@ -214,8 +214,8 @@ def expected(
         on_arcs = _on_arcs(laid.corners_mm.reshape(-1, 3)[ends[arcs]], circles[arcs], share[arcs])
         of_arcs = poses[owner[arcs]]
         cyclopean = on_arcs @ of_arcs[:, :3, :3].swapaxes(1, 2) + of_arcs[:, None, :3, 3]
-        seen = [view.eye.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in eyes.views]
-        on_image = np.where(eye[arcs, None, None] == 0, *seen)
+        seen = [view.rectified.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in images.views]
+        on_image = np.where(camera[arcs, None, None] == 0, *seen)
         bow[arcs] = ((on_image - start[arcs, None]) * normal[arcs]).sum(2)
 
     def of_camera(own: slice, corners_px: Array) -> ExpectedEdges:
@@ -224,12 +224,12 @@ def expected(
             sharp[own], px_per_mm[own], tolerance_mm * px_per_mm[own], corners_px, bisectors[own], bow[own],
         )  # fmt: skip
 
-    of_left = int(np.count_nonzero(eye == 0))
+    of_left = int(np.count_nonzero(camera == 0))
     return of_camera(slice(of_left), px[0]), of_camera(slice(of_left, None), px[1])
 
 
-def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
-    """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
+def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array, count: int) -> Flags:
+    """(E, S) which of so many stretches of each edge the part itself does not hide from a camera at eye_mm (3,)."""
     seen = np.ones((len(edges.start), count), bool)
     shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
     for k, solid in enumerate(laid.shapes):
@@ -238,8 +238,8 @@ def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_
             continue
         a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
         points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
-        eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
-        seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
+        viewpoint = frames.apply(frames.inverse(poses[k]), viewpoint_mm[None])[0]
+        seen[own] = ~hidden(solid, points.reshape(-1, 3), viewpoint).reshape(-1, count)
     return seen
 
 
@@ -262,15 +262,15 @@ def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Arr
     return first.max(0, initial=0.0), np.where(outside, -1.0, last.min(0, initial=1.0))
 
 
-def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
-    """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
+def measured(both: Sequence[ExpectedEdges], images: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both cameras. on_place: they are expected to half a px."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):
         return [nothing_found(edges) for edges in both]
     start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
-    exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
+    exposures = [(view.exposure, count) for view, count in zip(images.views, counts, strict=True) if count]
     own = [(each := np.bincount(edges.owner))[each > 0] for edges in both]
-    blurs = [view.blur_px for view in eyes.views]
+    blurs = [view.blur_px for view in images.views]
     known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
     sides = fit_sides(exposures, start, end, np.concatenate(own), known)
     found, every = [], np.arange(len(start))

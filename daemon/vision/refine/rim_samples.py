@@ -67,16 +67,16 @@ class RimSeen(NamedTuple):
         return float(self.stretches * (self.shows * there + (1 - self.shows) * missing))
 
 
-def rims_seen(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float) -> list[list[RimSeen]]:
+def rims_seen(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float) -> list[list[RimSeen]]:
     """Of each hole in view what each camera shows that has it in view."""
     if not solid.holes:
         return []
     found = []
-    facing = [solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm]
+    facing = [solid.facing(pose, viewpoint_mm) for viewpoint_mm in images.geometry.cameras_mm]
     for hole in solid.holes:
         both = [
-            _seen(solid, hole, pose, view, eye_mm, tolerance_mm)
-            for view, eye_mm, cosines in zip(eyes.views, eyes.geometry.eyes_mm, facing, strict=True)
+            _seen(solid, hole, pose, view, viewpoint_mm, tolerance_mm)
+            for view, viewpoint_mm, cosines in zip(images.views, images.geometry.cameras_mm, facing, strict=True)
             if cosines[hole.facet] > LEAST_FACING
         ]
         if kept := [seen for seen in both if seen is not None]:
@@ -84,9 +84,9 @@ def rims_seen(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: 
     return found
 
 
-def rim_places(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float) -> list[RimPlace]:
+def rim_places(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float) -> list[RimPlace]:
     """Of the rims that surely are there and have their size, where either camera has them."""
-    every = (seen for both in rims_seen(solid, pose, eyes, tolerance_mm) for seen in both)
+    every = (seen for both in rims_seen(solid, pose, images, tolerance_mm) for seen in both)
     return [
         seen.place
         for seen in every
@@ -95,10 +95,10 @@ def rim_places(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm:
 
 
 def _seen(
-    solid: Polyhedron, hole: Hole, pose: Array, view: CameraImage, eye_mm: Array, tolerance_mm: float
+    solid: Polyhedron, hole: Hole, pose: Array, view: CameraImage, viewpoint_mm: Array, tolerance_mm: float
 ) -> RimSeen | None:
     """What a camera shows of a hole; None where it is too small, or too much of it out of view."""
-    camera = view.eye.camera
+    camera = view.rectified.camera
     ring_mm = frames.apply(pose, hole.ring_mm)
     ring_px = camera.project(ring_mm)
     room = np.array(view.grey.shape[::-1]) - 1 - ROOM_PX
@@ -111,11 +111,11 @@ def _seen(
     if _half_width_px(px) < LEAST_PX or inside.mean() < LEAST_VISIBLE:
         return None
     if not solid.convex:
-        inside &= ~hidden(solid, places, frames.apply(frames.inverse(pose), eye_mm[None])[0])
+        inside &= ~hidden(solid, places, frames.apply(frames.inverse(pose), viewpoint_mm[None])[0])
         if inside.mean() < LEAST_VISIBLE:
             return None
     slopes = np.abs(rim_slopes(view.smooth, px, normal, REACH_PX))[inside]
-    px_per_mm = view.eye.focal_px / float(np.linalg.norm(ring_mm.mean(0) - eye_mm))
+    px_per_mm = view.rectified.focal_px / float(np.linalg.norm(ring_mm.mean(0) - viewpoint_mm))
     sigma_px = float(np.hypot(RADIUS_PX, OF_TOLERANCE * tolerance_mm * px_per_mm))
     found, off_px = _fitted(slopes, normal[inside], sigma_px)
     lever = ring_mm.mean(0, keepdims=True) - pose[:3, 3]

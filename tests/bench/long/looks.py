@@ -164,10 +164,10 @@ async def facets_found(seed: int, model: Model, rows: list[tuple[float, bool, bo
             except NotSentError:
                 continue
             look = await here.cycle.look()
-            eye, rig = look.world_from_cyclopean[:3, 3], look.taken.rig
+            camera, rig = look.world_from_cyclopean[:3, 3], look.taken.rig
             seen = [frames.apply(look.world_from_cyclopean, f.corners_mm) for p in look.scene.parts for f in p.facets]
             for one in solids:
-                away = eye - one.corners_mm.mean(axis=0)
+                away = camera - one.corners_mm.mean(axis=0)
                 away = away[None] / np.linalg.norm(away)
                 others = [other.corners_mm[ring] for other in solids if other is not one for ring in other.rings]
                 alone, whole = (visible_from(one, away, COSINES[0], some)[0] for some in ((), others))

@@ -3,8 +3,8 @@
 usage: python -m tests.bench.long.odd_pictures [COUNT [SEED]]
 
 Noise, gratings, chessboards, heaps of polygons, scribbles, photographs (of scikit-image's package; none is kept), and
-pairs whose eyes look at different rendered scenes. The right eye sees mostly the left one's picture again as a plane
-shows it, so that much has its like in the other eye. Taught: the six train-B views.
+pairs whose cameras look at different rendered scenes. The right camera sees mostly the left one's picture again as a
+plane shows it, so that much has its like in the other camera. Taught: the six train-B views.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _shot(picture: NDArray[np.float32], rng: Chance) -> Image:
 
 
 def seen_by_both(one: Image, rng: Chance) -> tuple[Image, Image]:
-    """The picture for the left eye, and for the right one as a plane near the usual distance shifts it."""
+    """The picture for the left camera, and for the right one as a plane near the usual distance shifts it."""
     near_px, lean = rng.uniform(20, 180), rng.uniform(-0.15, 0.15, 2)
     shift = np.array([[1.0 + lean[0], lean[1], -near_px], [0.0, 1.0, 0.0]])
     right = cv2.warpAffine(one, shift, (WIDE, HIGH), borderMode=cv2.BORDER_REFLECT)

@@ -1,9 +1,9 @@
-"""Picks with one eye beside picks with two, and camera faults in mid-auto.
+"""Picks with one camera beside picks with two, and camera faults in mid-auto.
 
 `python -m tests.bench.long.one_eye [PICKS [FAULTS]]`, in the simulated cell with the hand-eye and arm errors of
-etc/simcell.yaml. The same part lies in the same place for two eyes, the left and the right alone, one after the other.
-Seconds are the cell's (arm and frames) and, added, the processor's for all else. A fault comes at any moment of an auto
-over two parts; then `resume` is said as a person would.
+etc/simcell.yaml. The same part lies in the same place for two cameras, the left and the right alone, one after the
+other. Seconds are the cell's (arm and frames) and, added, the processor's for all else. A fault comes at any moment of
+an auto over two parts; then `resume` is said as a person would.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import EyeName
+from daemon.arm import CameraName
 from daemon.commands.moving import resume
 from daemon.pick.outcome import Outcome
 from daemon.vision.model.model import Model
@@ -27,14 +27,14 @@ from tests.fakes.in_time import lived
 from tests.fakes.simulated_hours import Hours, cell_in_time
 
 PICKS, FAULTS = 40, 40
-WAYS: tuple[EyeName | None, ...] = (None, "left", "right")
+WAYS: tuple[CameraName | None, ...] = (None, "left", "right")
 AILMENTS = ("away", "black", "frozen", "half")
 LONGEST_S = 600.0
 
 
 @dataclass
 class Tally:
-    """What picks with some eyes came to."""
+    """What picks with some cameras came to."""
 
     outcomes: list[str] = field(default_factory=list)
     errors: list[tuple[float, float]] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Tally:
         )
 
 
-async def pick(seed: int, label: str, alone: EyeName | None, model: Model, tally: Tally) -> None:
+async def pick(seed: int, label: str, alone: CameraName | None, model: Model, tally: Tally) -> None:
     async with cell_in_time(seed, model, alone) as here:
         simulated_cell.lay(here, label, np.random.default_rng(seed))
         began_s, spent_s = here.now_s, time.thread_time()
@@ -88,16 +88,16 @@ class Person(FakeFrontend):
 
 
 async def broken(seed: int, model: Model) -> dict[str, Any]:
-    """An auto over two parts in which one eye fails at some moment; how it went on."""
+    """An auto over two parts in which one camera fails at some moment; how it went on."""
     rng = np.random.default_rng(seed)
-    eye, how = str(rng.choice(["left", "right"])), str(rng.choice(AILMENTS))
+    camera, how = str(rng.choice(["left", "right"])), str(rng.choice(AILMENTS))
     async with cell_in_time(seed, model) as here:
         labels = [str(label) for label in rng.choice(TAUGHT, 2, replace=False)]
         here.cell.scatter(labels, rng)
         await here.context.begin_auto()
         wait_s = float(rng.uniform(0.5, 14.0))
         await asyncio.sleep(wait_s)
-        here.cell.camera.cover(eye) if how == "black" else here.cell.camera.set_fault(eye, how)  # type: ignore[arg-type]
+        here.cell.camera.cover(camera) if how == "black" else here.cell.camera.set_fault(camera, how)  # type: ignore[arg-type]
         ends = await asyncio.wait_for(here.context.auto_ends(), LONGEST_S)
         fault = here.cycle.supervisor.fault
         moves = [r["kind"] for r in here.log.records]
@@ -114,7 +114,7 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
                 ends += await here.cycle.auto()  # what was skipped in passing
         lie = [here.lies(label) for label in labels]
         return {
-            "eye": eye, "how": how, "at_s": wait_s, "fault": fault, "moved_before_allowed": early + (not still),
+            "eye": camera, "how": how, "at_s": wait_s, "fault": fault, "moved_before_allowed": early + (not still),
             "went_on_with": here.context.hardware.cameras.alone, "lie": lie,
             "after": here.cycle.supervisor.fault, "said": said and said.text, "ends": [e.outcome for e in ends],
         }  # fmt: skip
@@ -125,15 +125,15 @@ async def teach() -> Model:
         return await simulated_cell.taught(here)
 
 
-def table(tallies: dict[EyeName | None, Tally]) -> None:
+def table(tallies: dict[CameraName | None, Tally]) -> None:
     """What the picks have come to so far."""
     print("eyes   picked        mm   95 %   deg  of predicted  s  looks   (medians, but for the looks)")
     for alone, tally in tallies.items():
         print(f"{alone or 'both':5s}  {tally.row()}", flush=True)
     both = np.median(tallies[None].seconds)
-    for eye, tally in tallies.items():
-        if eye is not None:
-            print(f"{eye} alone takes {np.median(tally.seconds) / both:.2f} times as long as both", flush=True)
+    for camera, tally in tallies.items():
+        if camera is not None:
+            print(f"{camera} alone takes {np.median(tally.seconds) / both:.2f} times as long as both", flush=True)
 
 
 def main(picks: int = PICKS, faults: int = FAULTS) -> None:

@@ -79,8 +79,8 @@ class Stopwatch:
         self.turns: list[Turn] = []
         self._since: tuple[float, float] | None = None
         self._pictures = [0.0, 0.0]
-        self._move, self._grab = here.robot.move, here.cycle.cell.eyes.grab
-        here.robot.move, here.cycle.cell.eyes.grab = self.move, self.grab  # type: ignore[method-assign]
+        self._move, self._grab = here.robot.move, here.cycle.cell.cameras.grab
+        here.robot.move, here.cycle.cell.cameras.grab = self.move, self.grab  # type: ignore[method-assign]
 
     async def move(self, *args: Any, **how: Any) -> Any:
         """The robot's move, with the turn before it told."""
@@ -109,7 +109,7 @@ def erring(true: Calibration, rng: np.random.Generator) -> Calibration:
     """The calibration a cell might have: off by set amounts in random directions."""
     assert true.tool_from_cyclopean is not None
     motion = np.concatenate([_some_way(rng, HAND_EYE_MM), _some_way(rng, np.radians(HAND_EYE_DEG))])
-    left, right = (_off_centre(eye, rng) for eye in (true.rig.left, true.rig.right))
+    left, right = (_off_centre(camera, rng) for camera in (true.rig.left, true.rig.right))
     rig = replace(true.rig, left=left, right=right)
     return replace(true, rig=rig, tool_from_cyclopean=frames.perturb(true.tool_from_cyclopean, motion))
 
@@ -119,11 +119,11 @@ def _some_way(rng: np.random.Generator, length: float) -> Any:
     return way / np.linalg.norm(way) * length
 
 
-def _off_centre(eye: Camera, rng: np.random.Generator) -> Camera:
+def _off_centre(camera: Camera, rng: np.random.Generator) -> Camera:
     angle = rng.uniform(0, 2 * np.pi)
-    matrix = eye.matrix.copy()
+    matrix = camera.matrix.copy()
     matrix[:2, 2] += CENTRE_PX * np.array([np.cos(angle), np.sin(angle)])
-    return replace(eye, matrix=matrix)
+    return replace(camera, matrix=matrix)
 
 
 async def pick_once(believed: Calibration, model: Any, seed: int, settings: Settings) -> Picked:

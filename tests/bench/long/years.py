@@ -9,9 +9,9 @@ starts   (100,000) starts and stops of the whole daemon
 clients  (100,000) connections to its socket: questions, half lines, silence, listeners, stops, all that is too long
 cameras  (10,000) openings of a stereo camera whose devices fail in every way they can
 
-Arm, eyes and the video devices are made up; the rest is the daemon's own. With --folder it goes on where it was ended.
-Prints what is held (memory, objects, handles, threads, tasks, files) now and then; exit 1 where it grows, or something
-is lost and was not told.
+Arm, cameras and the video devices are made up; the rest is the daemon's own. With --folder it goes on where it was
+ended. Prints what is held (memory, objects, handles, threads, tasks, files) now and then; exit 1 where it grows, or
+something is lost and was not told.
 """
 
 from __future__ import annotations
@@ -218,17 +218,17 @@ def cameras(folder: Path, done: int, count: int, _: Progress) -> Iterator[tuple[
     devices = {f"/dev/video{k}": PretendDevice(name) for k, name in enumerate(("left", "right"))}
     system = PretendSystem(devices)
     settings = CameraSettings("left", "right", 8, 4, fps=10.0)
-    eyes = V4L2StereoCamera(settings, system.clock, system)
+    cameras = V4L2StereoCamera(settings, system.clock, system)
     harms = itertools.cycle(_harms(system, devices))
     opened = Counter[str]()
     for number in range(done, count):
         whole_frames(system, 5)
-        eyes.grab(system.now_s, 2.0)
+        cameras.grab(system.now_s, 2.0)
         opened["pairs"] += 1
         mend = next(harms)()
         try:
-            eyes.grab(system.now_s, 0.3)
-            eyes.close()
+            cameras.grab(system.now_s, 0.3)
+            cameras.close()
         except CameraError:
             opened["failures"] += 1
         if held := [device.card for device in devices.values() if device.opened]:

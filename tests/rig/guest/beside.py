@@ -1,7 +1,7 @@
 """In the guest: the ends of the two virtio ports that lead to the cell around it (tests/rig/otherside.py).
 
-Run as a program this is the feeder: it keeps the loopback cameras (LEFT RIGHT, or LEFT) supplied with what the eyes see
-now.
+Run as a program this is the feeder: it keeps the loopback cameras (LEFT RIGHT, or LEFT) supplied with what the cameras
+see now.
 """
 
 from __future__ import annotations

@@ -73,13 +73,13 @@ def install() -> None:
 
 
 def configure(
-    travel_pct: float, eyes: tuple[str, ...] = ("left", "right"), port: str = "/dev/ttyS1", slack_s: float = 20.0
+    travel_pct: float, cameras: tuple[str, ...] = ("left", "right"), port: str = "/dev/ttyS1", slack_s: float = 20.0
 ) -> None:
     """Write the configuration; travel_pct: how fast the arm may go away from parts; slack_s: what a move may take more
     than it should."""
     configuration = yaml.safe_load((CHECKOUT / "etc/facetd.yaml").read_text())
     seen = {name: value for name, value in configuration["cameras"].items() if name not in ("left", "right")}
-    configuration["cameras"] = {**seen, **{eye: eye for eye in eyes}, "fps": beside.FPS, "max_skew_ms": 60}
+    configuration["cameras"] = {**seen, **{camera: camera for camera in cameras}, "fps": beside.FPS, "max_skew_ms": 60}
     configuration["arm"] |= {"port": port, "dialect": PATIENT}
     configuration["pick"] |= {
         "travel_pct": travel_pct,

@@ -103,9 +103,9 @@ class Feeder:
         self.written_s.append((early, late))
         self.number += 1
 
-    def _write(self, eye: int, data: bytes) -> Span:
+    def _write(self, camera: int, data: bytes) -> Span:
         began_s = time.monotonic()
-        os.write(self.nodes[eye].fileno(), data)
+        os.write(self.nodes[camera].fileno(), data)
         return began_s, time.monotonic()
 
     def _run(self) -> None:

@@ -69,32 +69,32 @@ def camera() -> Iterator[Callable[..., V4L2StereoCamera]]:
         each.close()
 
 
-def grab_now(eyes: V4L2StereoCamera, timeout_s: float = 20.0) -> StereoPair:
-    return eyes.grab(time.monotonic(), timeout_s)
+def grab_now(cameras: V4L2StereoCamera, timeout_s: float = 20.0) -> StereoPair:
+    return cameras.grab(time.monotonic(), timeout_s)
 
 
 @pytest.mark.parametrize("code", FORMATS)
 def test_what_is_fed_comes_out_bit_for_bit(code: str, camera: Callable[..., V4L2StereoCamera]) -> None:
     picture = numbered(SMOOTH if code == "MJPEG" else RANDOM)
     with loopback.Feeder(picture, code, fps=4.0 if code == "MJPEG" else FPS):
-        eyes = camera(formats=(code,), max_skew_ms=80.0)
+        cameras = camera(formats=(code,), max_skew_ms=80.0)
         for _ in range(2):
-            pair = grab_now(eyes)
+            pair = grab_now(cameras)
             for got, fed in zip((pair.left, pair.right), picture(number_of(pair.left.pixels)), strict=True):
                 if code == "MJPEG":
                     fed = cv2.imdecode(np.frombuffer(loopback.pack(code, fed), np.uint8), cv2.IMREAD_GRAYSCALE)
                 assert np.array_equal(got.pixels, fed)
-        assert f"{code} 640x480" in eyes.describe()
+        assert f"{code} 640x480" in cameras.describe()
 
 
 def test_a_pair_is_never_older_than_the_moment_asked_for(camera: Callable[..., V4L2StereoCamera]) -> None:
     asked: list[tuple[float, int]] = []
     with loopback.Feeder(numbered(RANDOM), fps=FPS) as feeder:
-        eyes = camera()
+        cameras = camera()
         for pause_s in (0.0, 0.02, 0.9, 0.05, 0.5):  # long enough for every buffer to fill with old frames, too
             time.sleep(pause_s)
             asked_s = time.monotonic()
-            asked.append((asked_s, number_of(grab_now(eyes).left.pixels)))
+            asked.append((asked_s, number_of(grab_now(cameras).left.pixels)))
             assert time.monotonic() - asked_s < HUNG_S
     for asked_s, number in asked:
         assert feeder.written_s[number][0][0] >= asked_s
@@ -103,12 +103,12 @@ def test_a_pair_is_never_older_than_the_moment_asked_for(camera: Callable[..., V
 def test_the_skew_is_the_one_fed_and_too_much_of_it_is_refused(camera: Callable[..., V4L2StereoCamera]) -> None:
     given: list[tuple[float, int]] = []
     with loopback.Feeder(numbered(RANDOM), fps=2.0, delay_s=0.05) as feeder:
-        eyes = camera(max_skew_ms=240.0, fps=2.0)
+        cameras = camera(max_skew_ms=240.0, fps=2.0)
         for _ in range(4):
-            pair = grab_now(eyes)
+            pair = grab_now(cameras)
             assert number_of(pair.left.pixels) == number_of(255 - pair.right.pixels)
             given.append((pair.skew_ms, number_of(pair.left.pixels)))
-        eyes.close()
+        cameras.close()
         with pytest.raises(CameraError, match=r"ms apart, more than max_skew_ms 20"):
             grab_now(camera(max_skew_ms=20.0, fps=2.0), 4.0)
     for skew_ms, number in given:
@@ -117,50 +117,50 @@ def test_the_skew_is_the_one_fed_and_too_much_of_it_is_refused(camera: Callable[
 
 
 def test_half_a_frame_is_looked_past_and_said(camera: Callable[..., V4L2StereoCamera]) -> None:
-    eyes = camera()
+    cameras = camera()
     with loopback.Feeder(numbered(RANDOM), fps=FPS) as feeder:
-        grab_now(eyes)
+        grab_now(cameras)
         feeder.cut = 1000
         with pytest.raises(CameraError, match=r"left: \d+ damaged frames, the last 306200 of 307200 bytes"):
-            grab_now(eyes, 3.0)
+            grab_now(cameras, 3.0)
         feeder.cut = 0
-        grab_now(eyes)
+        grab_now(cameras)
 
 
 def test_a_feeder_that_stops_is_said_and_one_that_returns_is_taken_up_again(
     camera: Callable[..., V4L2StereoCamera],
 ) -> None:
-    eyes = camera()
+    cameras = camera()
     with loopback.Feeder(numbered(RANDOM), fps=FPS):
-        grab_now(eyes)
+        grab_now(cameras)
     started_s = time.monotonic()
     with pytest.raises(CameraError, match=r"no frame (any more )?from the left and the right camera"):
-        grab_now(eyes, 3.0)
+        grab_now(cameras, 3.0)
     assert time.monotonic() - started_s < HUNG_S
     with pytest.raises(
         CameraError, match=r"left camera `left` is not there; there is: only /dev/video0, /dev/video1, which capture"
     ):
-        grab_now(eyes, 1.0)
+        grab_now(cameras, 1.0)
     with loopback.Feeder(numbered(RANDOM), fps=FPS):
-        assert abs(grab_now(eyes).skew_ms) <= 40
+        assert abs(grab_now(cameras).skew_ms) <= 40
 
 
 def test_a_module_that_is_removed_and_comes_back_under_other_numbers_is_found_by_name(
     camera: Callable[..., V4L2StereoCamera],
 ) -> None:
-    eyes = camera()
+    cameras = camera()
     with loopback.Feeder(numbered(RANDOM), fps=FPS):
-        grab_now(eyes)
+        grab_now(cameras)
     with pytest.raises(CameraError):
-        grab_now(eyes, 0.5)
+        grab_now(cameras, 0.5)
     loopback.modprobe("-r", "v4l2loopback")
     with pytest.raises(CameraError, match="is not there"):
-        grab_now(eyes, 0.5)
+        grab_now(cameras, 0.5)
     loopback.load("6,7")
     with loopback.Feeder(numbered(RANDOM), fps=FPS, paths=("/dev/video6", "/dev/video7")):
-        grab_now(eyes)
-        assert "/dev/video6 `left`" in eyes.describe()
-        eyes.close()
+        grab_now(cameras)
+        assert "/dev/video6 `left`" in cameras.describe()
+        cameras.close()
     loopback.modprobe("-r", "v4l2loopback")
     loopback.load()
 
@@ -196,7 +196,7 @@ def test_a_person_lists_the_cameras_and_saves_what_they_show(
     print(listed)
     for line in ("/dev/video0  `left`  (v4l2 loopback", "GREY 640x480", "pairs in 2", "skew median ", " 0 damaged"):
         assert line in listed
-    left, right = (cv2.imread(str(shot / f"{eye}.png"), cv2.IMREAD_UNCHANGED) for eye in ("left", "right"))
+    left, right = (cv2.imread(str(shot / f"{camera}.png"), cv2.IMREAD_UNCHANGED) for camera in ("left", "right"))
     for got, fed in zip((left, right), picture(number_of(left)), strict=True):
         assert np.array_equal(got, fed)
     capsys.readouterr()
@@ -210,14 +210,14 @@ def test_grabbing_at_fifteen_frames_a_second_is_measured(camera: Callable[..., V
     """No limit here: the guest is emulated. The figures are printed for the record."""
     rows = []
     with loopback.Feeder(numbered(RANDOM), fps=15.0):
-        eyes = camera(fps=15.0)
-        grab_now(eyes)
+        cameras = camera(fps=15.0)
+        grab_now(cameras)
         began_s, cpu_s = time.monotonic(), time.thread_time()
         while time.monotonic() - began_s < 6.0:
-            pair = grab_now(eyes)
+            pair = grab_now(cameras)
             rows.append((pair.skew_ms, (time.monotonic() - pair.right.taken_s) * 1000.0))
         share = (time.thread_time() - cpu_s) / (time.monotonic() - began_s)
-        tally = eyes.reports()[0].tally
+        tally = cameras.reports()[0].tally
     skew, age = np.abs(np.array(rows)).T
     with Path("/results/measured").open("a") as lines:
         lines.write(

@@ -29,9 +29,9 @@ def two_devices() -> Iterator[None]:
 
 @pytest.fixture
 def camera() -> Iterator[V4L2StereoCamera]:
-    eyes = V4L2StereoCamera(CameraSettings("0", "1", **SIZE))  # type: ignore[arg-type]
-    yield eyes
-    eyes.close()
+    cameras = V4L2StereoCamera(CameraSettings("0", "1", **SIZE))  # type: ignore[arg-type]
+    yield cameras
+    cameras.close()
 
 
 def press(name: str, path: str = "/dev/video1") -> None:
@@ -67,29 +67,29 @@ def test_the_listing_shows_formats_sizes_rates_and_controls() -> None:
 
 
 def test_gain_is_locked_and_reads_back() -> None:
-    eyes = V4L2StereoCamera(CameraSettings("0", "1", **SIZE, controls={"gain": 77, "brightness": 99}))  # type: ignore[arg-type]
-    eyes.open()
+    cameras = V4L2StereoCamera(CameraSettings("0", "1", **SIZE, controls={"gain": 77, "brightness": 99}))  # type: ignore[arg-type]
+    cameras.open()
     try:
-        for report in eyes.reports():
+        for report in cameras.reports():
             assert report.controls == {"gain_automatic": 0, "gain": 77, "brightness": 99}
     finally:
-        eyes.close()
+        cameras.close()
 
 
 def test_more_light_is_asked_of_both_devices_at_once_by_gain_where_there_is_no_exposure() -> None:
     """vivid's picture does not follow its gain: what is proven is that the kernel takes it and reads it back."""
-    eyes = V4L2StereoCamera(CameraSettings("0", "1", **SIZE))  # type: ignore[arg-type]
+    cameras = V4L2StereoCamera(CameraSettings("0", "1", **SIZE))  # type: ignore[arg-type]
     nodes = [FileNode(path) for path in ("/dev/video0", "/dev/video1")]
     try:
         for node in nodes:
             controls.apply(node, "either", {"gain": 100})
-        eyes.open()
-        assert eyes.expose(0.5, 2.0) == (0.5, 2.0)
+        cameras.open()
+        assert cameras.expose(0.5, 2.0) == (0.5, 2.0)
         assert [v4l2.get_control(node, controls.KNOWN["gain"].control) for node in nodes] == [50, 200]
-        assert eyes.expose(1.0, 9.0) == (1.0, 255 / 200)
-        eyes.grab(time.monotonic(), 20.0)
+        assert cameras.expose(1.0, 9.0) == (1.0, 255 / 200)
+        cameras.grab(time.monotonic(), 20.0)
     finally:
-        eyes.close()
+        cameras.close()
         for node in nodes:
             node.close()
 

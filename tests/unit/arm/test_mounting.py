@@ -45,8 +45,8 @@ def test_fixed_cameras_look_while_the_arm_is_out_of_their_view_and_it_goes_strai
 
 def test_the_box_around_fixed_cameras_holds_both_with_their_brackets() -> None:
     box = cameras_box(rig(), OVER)
-    for eye in (rig().left, rig().right):
-        centre = (OVER @ eye.cyclopean_from_camera)[:3, 3]
+    for camera in (rig().left, rig().right):
+        centre = (OVER @ camera.cyclopean_from_camera)[:3, 3]
         ends, radius = np.tile(centre, (1, 1, 2, 1)), np.array([1.0])
         assert away_mm(ends, radius, [box], 100.0).item() < -50.0
 

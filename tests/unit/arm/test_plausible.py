@@ -16,7 +16,7 @@ from daemon.config import load_config
 ETC = Path(__file__).resolve().parents[3] / "etc"
 REACH_MM = 995.0
 TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 130], [0, 0, 0, 1]])
-EYES = load_calibration(ETC / "calibration.yaml").tool_from_cyclopean
+MOUNTED = load_calibration(ETC / "calibration.yaml").tool_from_cyclopean
 
 
 def moved(matrix, x, y, z):
@@ -33,7 +33,7 @@ def test_what_is_delivered_is_plausible():
     assert list(plausible.limits(load_config(ETC / "facetd.yaml").values.pick.limits, REACH_MM)) == []
     assert list(plausible.limits(Limits(), REACH_MM)) == []
     assert list(plausible.tool(TOOL)) == []
-    assert list(plausible.hand_eye(EYES, REACH_MM)) == []
+    assert list(plausible.hand_eye(MOUNTED, REACH_MM)) == []
 
 
 def test_a_tool_at_the_wrist_itself_is_plausible():
@@ -63,12 +63,12 @@ def test_a_tool_that_cannot_be_meant_is_told(matrix, told):
 @pytest.mark.parametrize(
     ("matrix", "told"),
     [
-        (mirrored(EYES), "mirrored"),
-        (moved(EYES, -0.075, 0, -0.11), "metres?"),
-        (moved(EYES, -7500, 0, -110), "at most 500 mm"),
-        (moved(EYES, -75, 0, 110), "behind the tool centre point"),
-        (np.linalg.inv(EYES), "behind the tool centre point"),
-        (EYES @ np.diag([1.0, -1.0, -1.0, 1.0]), "look where the gripper goes"),
+        (mirrored(MOUNTED), "mirrored"),
+        (moved(MOUNTED, -0.075, 0, -0.11), "metres?"),
+        (moved(MOUNTED, -7500, 0, -110), "at most 500 mm"),
+        (moved(MOUNTED, -75, 0, 110), "behind the tool centre point"),
+        (np.linalg.inv(MOUNTED), "behind the tool centre point"),
+        (MOUNTED @ np.diag([1.0, -1.0, -1.0, 1.0]), "look where the gripper goes"),
     ],
 )
 def test_a_hand_eye_that_cannot_be_meant_is_told(matrix, told):
@@ -88,7 +88,7 @@ def test_a_box_is_held_against_the_reach_from_where_the_shoulder_is_in_the_world
 
 
 def test_cameras_farther_off_than_half_of_what_the_arm_reaches_are_not_on_its_hand():
-    (found,) = plausible.hand_eye(moved(EYES, -300, 0, -110), 600.0)
+    (found,) = plausible.hand_eye(moved(MOUNTED, -300, 0, -110), 600.0)
     assert "the arm's reach is 600" in found.problem
 
 
@@ -145,7 +145,7 @@ def bounded(value: float) -> dict[str, list[plausible.Implausible]]:
     low, off = LIMITS.box_low_mm[2], plausible.FROM_TABLE_MM * value
     return {
         "long hand": list(plausible.tool(moved(TOOL, 0, 0, plausible.LONGEST_HAND_MM * value))),
-        "cameras": list(plausible.hand_eye(moved(EYES, -300 * value, 0, 0), 600.0)),
+        "cameras": list(plausible.hand_eye(moved(MOUNTED, -300 * value, 0, 0), 600.0)),
         "reach": list(plausible.limits(moved_box, REACH_MM)),
         "table below": list(plausible.limits(replace(LIMITS, table_z_mm=low - off), REACH_MM)),
         "table above": list(plausible.limits(replace(LIMITS, table_z_mm=low + off), REACH_MM)),

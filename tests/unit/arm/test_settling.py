@@ -1,4 +1,4 @@
-"""When two pairs show the same: noise and lamps are no change, an edge that moved is, in either eye."""
+"""When two pairs show the same: noise and lamps are no change, an edge that moved is, in either camera."""
 
 import asyncio
 from types import SimpleNamespace
@@ -52,7 +52,7 @@ def test_where_all_of_the_image_moves_it_is_not_taken_for_noise():
     assert not still(pair(noisy[0], noisy[0]), pair(noisy[1], noisy[1]), Settling())
 
 
-class Eyes:
+class ShownCameras:
     """Shows what it is given, a pair every 30 ms; tells what it was asked for."""
 
     def __init__(self, edges: list[int]) -> None:
@@ -65,36 +65,36 @@ class Eyes:
         return pair(view(edge, self.rng), view(edge, self.rng), self.now_s)
 
 
-def settle(eyes: Eyes, rest_s: float = 1.0):
-    cell = SimpleNamespace(eyes=eyes, clock=lambda: eyes.now_s)
+def settle(cameras: ShownCameras, rest_s: float = 1.0):
+    cell = SimpleNamespace(cameras=cameras, clock=lambda: cameras.now_s)
     return asyncio.run(settled_pair(cell, rest_s, Settling(timeout_s=1.0)))
 
 
 def test_the_first_two_pairs_that_agree_are_taken_and_none_from_before_the_rest():
-    eyes = Eyes([40, 46, 50, 50])
-    found = settle(eyes)
-    assert eyes.asked_s[0] == 1.0
-    assert all(later > earlier for earlier, later in zip(eyes.asked_s, eyes.asked_s[1:], strict=False))
+    cameras = ShownCameras([40, 46, 50, 50])
+    found = settle(cameras)
+    assert cameras.asked_s[0] == 1.0
+    assert all(later > earlier for earlier, later in zip(cameras.asked_s, cameras.asked_s[1:], strict=False))
     assert found.before.left.taken_s == pytest.approx(1.09)
     assert found.pictures.left.taken_s == pytest.approx(1.12)
     assert found.seconds == pytest.approx(0.09)
 
 
 def test_the_second_pair_is_wholly_later_than_the_later_frame_of_the_first():
-    eyes = Eyes([50])
-    grab = eyes.grab
+    cameras = ShownCameras([50])
+    grab = cameras.grab
 
     async def skewed(not_before_s: float, timeout_s: float) -> FakePair:
         taken = await grab(not_before_s, timeout_s)
         return FakePair(taken.left, FakePicture(taken.right.pixels, taken.right.taken_s + 0.01))
 
-    eyes.grab = skewed  # type: ignore[method-assign]
-    found = settle(eyes)
-    assert eyes.asked_s == [1.0, found.before.right.taken_s]
+    cameras.grab = skewed  # type: ignore[method-assign]
+    found = settle(cameras)
+    assert cameras.asked_s == [1.0, found.before.right.taken_s]
 
 
 def test_an_arm_that_never_comes_to_rest_is_told_after_the_time():
-    eyes = Eyes([20 + 7 * (k % 9) for k in range(200)])
+    cameras = ShownCameras([20 + 7 * (k % 9) for k in range(200)])
     with pytest.raises(NotSettledError, match="still change 1 s after"):
-        settle(eyes)
-    assert 2.0 < eyes.now_s < 2.2
+        settle(cameras)
+    assert 2.0 < cameras.now_s < 2.2

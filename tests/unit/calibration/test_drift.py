@@ -1,4 +1,4 @@
-"""A knocked eye is noticed, named and timed; an eye that has not moved never is."""
+"""A knocked camera is noticed, named and timed; a camera that has not moved never is."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def look(truth: StereoRig, rng: np.random.Generator, at: str, believed: StereoRi
     turn = frames.rotation_from_vector(rng.normal(0, 1, 3))
     cube = CUBE @ turn.T + np.array([*rng.uniform(-40, 40, 2), rng.uniform(250, 450)])
     seen = rng.permutation(8)[:7]
-    left, right = (eye.project(cube[seen]) + rng.normal(0, 0.1, (7, 2)) for eye in (truth.left, truth.right))
+    left, right = (camera.project(cube[seen]) + rng.normal(0, 0.1, (7, 2)) for camera in (truth.left, truth.right))
     points = dict(zip(seen.tolist(), met(believed, left, right), strict=True))
     edges = [
         (float(np.linalg.norm(points[i] - points[j])), 50.0, float((points[i] + points[j])[2] / 2))
@@ -84,7 +84,7 @@ def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
     assert drift.stops
 
 
-def test_two_thousand_looks_of_an_eye_at_rest_raise_no_alarm() -> None:
+def test_two_thousand_looks_of_a_camera_at_rest_raise_no_alarm() -> None:
     assert run(lambda _: unlike_rig(), 2000, seed=5) is None
 
 

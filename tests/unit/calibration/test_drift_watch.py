@@ -42,7 +42,7 @@ def test_looks_that_say_nothing_raise_nothing() -> None:
     assert all(watch.seen(nothing, "08:00") is None for _ in range(50))
 
 
-def test_of_one_eye_it_is_told_that_it_sits_otherwise_on_the_hand():
+def test_of_one_camera_it_is_told_that_it_sits_otherwise_on_the_hand():
     watch, drift = DriftWatch(alone="left"), None
     for k in range(60):
         turn = np.radians([0.3 if k > 30 else 0.0, 0.0, 0.0])

@@ -21,9 +21,9 @@ def pose(x_mm: float, angle: float) -> np.ndarray:
 
 
 def example(hand_eye: bool = True) -> Calibration:
-    eyes = rig(centres_px=((322.7, 241.0), (322.7, 241.0)))
+    cameras = rig(centres_px=((322.7, 241.0), (322.7, 241.0)))
     made = datetime(2026, 11, 21, 10, tzinfo=UTC)
-    return Calibration(eyes, pose(-75, 0.3) if hand_eye else None, Quality(reprojection_px=0.11, made=made))
+    return Calibration(cameras, pose(-75, 0.3) if hand_eye else None, Quality(reprojection_px=0.11, made=made))
 
 
 @pytest.fixture
@@ -66,9 +66,9 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, hand_eye: bool) -> Non
     want = example(hand_eye)
     save_calibration(want, tmp_path / "c.yaml")
     got = load_calibration(tmp_path / "c.yaml")
-    for eye in ("left", "right"):
+    for camera in ("left", "right"):
         for name in ("matrix", "distortion", "cyclopean_from_camera"):
-            assert np.array_equal(getattr(getattr(got.rig, eye), name), getattr(getattr(want.rig, eye), name))
+            assert np.array_equal(getattr(getattr(got.rig, camera), name), getattr(getattr(want.rig, camera), name))
     assert got.rig.image_size == (640, 480)
     assert got.quality == want.quality
     if hand_eye:

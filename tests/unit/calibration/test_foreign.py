@@ -126,11 +126,11 @@ def camchain(rig: StereoRig, model: str = "radtan", coefficients: list[float] | 
     pose = right_from_left(rig)
     pose[:3, 3] /= 1000
     chain: dict[str, dict[str, object]] = {}
-    for name, eye in (("cam0", rig.left), ("cam1", rig.right)):
-        m = eye.matrix
+    for name, camera in (("cam0", rig.left), ("cam1", rig.right)):
+        m = camera.matrix
         chain[name] = {
             "camera_model": "pinhole", "distortion_model": model,
-            "distortion_coeffs": coefficients or eye.distortion[:4].tolist(),
+            "distortion_coeffs": coefficients or camera.distortion[:4].tolist(),
             "intrinsics": [float(m[0, 0]), float(m[1, 1]), float(m[0, 2]), float(m[1, 2])],
             "resolution": [640, 480], "rostopic": f"/{name}/image_raw",
         }  # fmt: skip
@@ -276,7 +276,7 @@ def test_ros_files_in_millimetres_are_told(tmp_path: Path, capsys: pytest.Captur
     assert ctl.main([*words, "--unit", "mm"]) == 0
 
 
-def test_exchanged_eyes_are_told_and_swap_mends_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exchanged_cameras_are_told_and_swap_mends_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = unlike_rig()
     wrong = StereoRig(rig.right, rig.left, rig.image_size)
     assert import_of(tmp_path, wrong) == 2

@@ -40,10 +40,12 @@ def looks(seed: int, count: int = 14, arm_mm: float = 0.05, noise_px: float = 0.
     centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
     for _ in range(count):
         turn = frames.rotation_from_vector(np.array([*rng.uniform(-tilt, tilt, 2), rng.uniform(-0.6, 0.6)]))
-        eye_from_board = frames.rigid(turn, np.array([*rng.uniform(-10, 10, 2), rng.uniform(260, 360)]) - turn @ centre)
-        points = frames.apply(eye_from_board, BOARD.points_mm())
-        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
-        world_from_tool = WORLD_FROM_BOARD @ frames.inverse(eye_from_board) @ frames.inverse(TRUE_HAND_EYE)
+        camera_from_board = frames.rigid(
+            turn, np.array([*rng.uniform(-10, 10, 2), rng.uniform(260, 360)]) - turn @ centre
+        )
+        points = frames.apply(camera_from_board, BOARD.points_mm())
+        seen = [camera.project(points) + rng.normal(0, noise_px, (len(points), 2)) for camera in (rig.left, rig.right)]
+        world_from_tool = WORLD_FROM_BOARD @ frames.inverse(camera_from_board) @ frames.inverse(TRUE_HAND_EYE)
         wobble = np.concatenate([rng.normal(0, arm_mm, 3), rng.normal(0, np.radians(0.02) * arm_mm / 0.05, 3)])
         samples.append(Sample(frames.perturb(world_from_tool, wobble), BOARD.points_mm(), seen[0], seen[1]))
     return samples
@@ -74,9 +76,9 @@ def test_as_few_poses_as_are_needed_are_enough_and_one_less_is_refused() -> None
 def test_both_closed_forms_are_exact_without_noise() -> None:
     samples = looks(0, arm_mm=0.0, noise_px=0.0)
     arm = [s.world_from_tool for s in samples]
-    eye = [cyclopean_from_board(s, unlike_rig()) for s in samples]
+    camera = [cyclopean_from_board(s, unlike_rig()) for s in samples]
     for solver in (park_martin, shah):
-        mm, deg = off(solver(arm, eye))
+        mm, deg = off(solver(arm, camera))
         assert mm < 1e-3
         assert deg < 1e-4
 
@@ -121,10 +123,10 @@ def held_looks(seed: int, count: int = 18, arm_mm: float = 0.1, noise_px: float 
     for _ in range(count):
         turn = frames.rotation_from_vector(np.array([*rng.uniform(-0.45, 0.45, 2), rng.uniform(-0.6, 0.6)]))
         middle = np.array([*rng.uniform(-40, 40, 2), rng.uniform(360, 440)])
-        eye_from_board = frames.rigid(turn, middle - turn @ centre)
-        points = frames.apply(eye_from_board, BOARD.points_mm())
-        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
-        true = OVER_THE_TABLE @ eye_from_board @ frames.inverse(TOOL_FROM_BOARD)
+        camera_from_board = frames.rigid(turn, middle - turn @ centre)
+        points = frames.apply(camera_from_board, BOARD.points_mm())
+        seen = [camera.project(points) + rng.normal(0, noise_px, (len(points), 2)) for camera in (rig.left, rig.right)]
+        true = OVER_THE_TABLE @ camera_from_board @ frames.inverse(TOOL_FROM_BOARD)
         wobble = np.concatenate([rng.normal(0, arm_mm, 3), rng.normal(0, np.radians(0.02) * arm_mm / 0.1, 3)])
         samples.append(Sample(frames.perturb(true, wobble), BOARD.points_mm(), seen[0], seen[1], held=True))
     return samples

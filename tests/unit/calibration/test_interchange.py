@@ -43,7 +43,7 @@ def test_opencv_file_storage_comes_back_as_it_went(tmp_path: Path) -> None:
     assert_same(rig_in([tmp_path / "stereo.yml"]), unlike_rig())
 
 
-def test_the_same_eye_given_twice_is_told(tmp_path: Path) -> None:
+def test_the_same_camera_given_twice_is_told(tmp_path: Path) -> None:
     to_ros(unlike_rig(), tmp_path / "l.yaml", tmp_path / "r.yaml")
     with pytest.raises(InterchangeError, match="no baseline"):
         rig_in([tmp_path / "l.yaml", tmp_path / "l.yaml"])
@@ -97,7 +97,7 @@ def test_a_size_that_is_none_is_named(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_what_could_not_be_read_again_leaves_the_old_calibration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Lengths in metres, as many OpenCV files have them: the eyes come out a tenth of a millimetre apart."""
+    """Lengths in metres, as many OpenCV files have them: the cameras come out a tenth of a millimetre apart."""
     out, foreign = tmp_path / "c.yaml", tmp_path / "stereo.yml"
     save_calibration(Calibration(unlike_rig()), out)
     before = out.read_bytes()
@@ -180,8 +180,8 @@ def test_a_lens_that_is_converted_is_told_with_its_error_for_each_camera(
     rig = unlike_rig()
     pose = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
     chain = {}
-    for name, eye in (("cam0", rig.left), ("cam1", rig.right)):
-        m = eye.matrix
+    for name, camera in (("cam0", rig.left), ("cam1", rig.right)):
+        m = camera.matrix
         chain[name] = {
             "camera_model": "pinhole", "distortion_model": "equidistant" if name == "cam1" else "none",
             "distortion_coeffs": [0.01, 0.0, 0.0, 0.0] if name == "cam1" else [],

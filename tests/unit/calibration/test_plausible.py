@@ -42,7 +42,7 @@ def exchanged() -> StereoRig:
     """As files named in the wrong order give it: the cyclopean frame is turned by 180 degrees."""
     one = rig()
     left_from_right = frames.inverse(one.right.cyclopean_from_camera) @ one.left.cyclopean_from_camera
-    right, left = ((eye.matrix, eye.distortion) for eye in (one.right, one.left))
+    right, left = ((camera.matrix, camera.distortion) for camera in (one.right, one.left))
     return rig_of(right, left, left_from_right, one.image_size)
 
 
@@ -51,11 +51,11 @@ def turned_across() -> StereoRig:
     about_z = np.eye(4)
     about_z[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     one = rig()
-    eyes = {
-        name: replace(eye, cyclopean_from_camera=eye.cyclopean_from_camera @ about_z)
-        for name, eye in (("left", one.left), ("right", one.right))
+    cameras = {
+        name: replace(camera, cyclopean_from_camera=camera.cyclopean_from_camera @ about_z)
+        for name, camera in (("left", one.left), ("right", one.right))
     }
-    return replace(one, **eyes)
+    return replace(one, **cameras)
 
 
 def tipped_down() -> StereoRig:

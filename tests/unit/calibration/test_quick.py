@@ -1,4 +1,4 @@
-"""The thesis's calibration by ruler, on eyes whose truth is known."""
+"""The thesis's calibration by ruler, on cameras whose truth is known."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from tests.fakes.rigs import thesis_rig
 def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:
     rig = thesis_rig()
 
-    def px(eye: Camera, at_mm: float) -> tuple[float, float]:
-        u, v = eye.project(np.array([[0.0, 0, at_mm]]))[0]
+    def px(camera: Camera, at_mm: float) -> tuple[float, float]:
+        u, v = camera.project(np.array([[0.0, 0, at_mm]]))[0]
         return float(u), float(v)
 
     return Measured(
@@ -34,7 +34,7 @@ def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:
     )
 
 
-def test_perfect_measurements_give_the_true_eyes_and_the_formula_errs_as_the_thesis_says() -> None:
+def test_perfect_measurements_give_the_true_cameras_and_the_formula_errs_as_the_thesis_says() -> None:
     result = calibrate_quick(measured())
     assert result.focal_px == pytest.approx(760.0)
     np.testing.assert_allclose(result.rays_mm, 0.0, atol=1e-6)

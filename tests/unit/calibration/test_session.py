@@ -48,7 +48,7 @@ from tests.fakes.boards import BOARD, drawn_board
 from tests.fakes.rigs import unlike_rig
 
 
-def test_one_eye_that_was_nowhere_far_enough_from_where_it_was_says_so() -> None:
+def test_one_camera_that_was_nowhere_far_enough_from_where_it_was_says_so() -> None:
     seen = find_board(drawn_board(), BOARD)
     views = [BoardView(np.eye(4), Pair(f"pose {k}", seen, None)) for k in range(4)]
     calibration = replace(Calibration(unlike_rig(), np.eye(4)), alone="left")
@@ -79,8 +79,8 @@ def views_of_the_board(count: int = 6, stretched: float = 1.0, arm_mm: float = 0
         world_from_tool = WORLD_FROM_BOARD @ frames.inverse(at) @ frames.inverse(TOOL_FROM_CYCLOPEAN)
         told = frames.perturb(world_from_tool, np.array([arm_mm * (-1) ** k, 0, 0, 0, 0, 0]))
         at[:3, :3] *= stretched
-        eyes = (seen_by(camera, at) for camera in (unlike_rig().left, unlike_rig().right))
-        found.append(BoardView(told, Pair(f"pose {k}", *eyes)))
+        cameras = (seen_by(camera, at) for camera in (unlike_rig().left, unlike_rig().right))
+        found.append(BoardView(told, Pair(f"pose {k}", *cameras)))
     return found
 
 
@@ -165,8 +165,8 @@ def held(tilts: Sequence[Array], far_mm: float = 300.0, aside_mm: Array = ORIGIN
     for tilt in tilts:
         turn = frames.rotation_from_vector(np.append(tilt, 0.0))
         at = frames.rigid(turn, np.array([0.0, 0.0, far_mm]) + aside_mm - turn @ centre)
-        eyes = (seen_by(camera, at) for camera in (unlike_rig().left, unlike_rig().right))
-        found.append(BoardView(np.eye(4), Pair(f"at {tilt}", *eyes)))
+        cameras = (seen_by(camera, at) for camera in (unlike_rig().left, unlike_rig().right))
+        found.append(BoardView(np.eye(4), Pair(f"at {tilt}", *cameras)))
     return found
 
 
@@ -309,8 +309,8 @@ HELD = frames.rigid(TURN, np.array([-60.0, -64.0, 0.0]))
 
 def held_view(world_from_tool: Array) -> BoardView:
     """The board in the gripper, seen by fixed cameras."""
-    eye_from_board = frames.inverse(OVER) @ world_from_tool @ HELD
-    seen = [seen_by(eye, eye_from_board) for eye in (CALIBRATION.rig.left, CALIBRATION.rig.right)]
+    camera_from_board = frames.inverse(OVER) @ world_from_tool @ HELD
+    seen = [seen_by(camera, camera_from_board) for camera in (CALIBRATION.rig.left, CALIBRATION.rig.right)]
     return BoardView(world_from_tool, Pair("held", *seen))
 
 

@@ -17,7 +17,7 @@ Array = frames.Array
 
 
 def board_poses(rng: np.random.Generator, count: int) -> list[Array]:
-    """Tilted, turned, near and far, about where the eyes look."""
+    """Tilted, turned, near and far, about where the cameras look."""
     centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
     poses = []
     for _ in range(count):
@@ -33,7 +33,7 @@ def sights(seed: int, count: int = 12, noise_px: float = 0.1) -> list[Pair]:
     for k, pose in enumerate(board_poses(rng, count)):
         points = frames.apply(pose, BOARD.points_mm())
         ids = np.arange(len(points))
-        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
+        seen = [camera.project(points) + rng.normal(0, noise_px, (len(points), 2)) for camera in (rig.left, rig.right)]
         pairs.append(Pair(f"view {k}", SeenBoard(ids, seen[0], 0.8), SeenBoard(ids, seen[1], 0.8)))
     return pairs
 
@@ -43,9 +43,9 @@ def test_the_truth_lies_within_the_standard_deviations_that_are_given(seed: int)
     result, truth = calibrate_stereo(sights(seed), BOARD, (640, 480)), unlike_rig()
     assert result.stereo_rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
     for side in ("left", "right"):
-        eye, true_eye = getattr(result.rig, side), getattr(truth, side)
-        assert abs(eye.matrix[0, 0] - true_eye.matrix[0, 0]) < 4 * result.sigmas[f"{side}.fx"]
-        assert abs(eye.matrix[0, 2] - true_eye.matrix[0, 2]) < 4 * result.sigmas[f"{side}.cx"]
+        camera, true_camera = getattr(result.rig, side), getattr(truth, side)
+        assert abs(camera.matrix[0, 0] - true_camera.matrix[0, 0]) < 4 * result.sigmas[f"{side}.fx"]
+        assert abs(camera.matrix[0, 2] - true_camera.matrix[0, 2]) < 4 * result.sigmas[f"{side}.cx"]
     assert abs(result.rig.baseline_mm - truth.baseline_mm) < 4 * result.sigmas["baseline_mm"]
     assert result.sigmas["baseline_mm"] < 0.2
 
@@ -60,12 +60,12 @@ def test_a_misread_view_is_named_and_dropped() -> None:
     assert result.stereo_rms_px < 0.2
 
 
-def test_swapped_eyes_are_told_as_such() -> None:
+def test_swapped_cameras_are_told_as_such() -> None:
     with pytest.raises(StereoError, match="swap the cameras"):
         calibrate_stereo([Pair(p.name, p.right, p.left) for p in sights(3)], BOARD, (640, 480))
 
 
-def test_one_mirrored_eye_is_told_as_such() -> None:
+def test_one_mirrored_camera_is_told_as_such() -> None:
     def mirrored(seen: SeenBoard) -> SeenBoard:
         grid = (np.array([639.0, 0]) + seen.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
         return replace(seen, corners_px=grid.reshape(-1, 2))

@@ -153,12 +153,12 @@ def test_a_pose_shows_the_whole_board_where_each_corner_is_before_each_camera_an
     poses += [
         pose @ frames.perturb(np.eye(4), np.append(rng.normal(0, 60, 3), rng.normal(0, 0.3, 3))) for pose in poses
     ]
-    eyes = (setup.rig.left, setup.rig.right)[:cameras]
+    cameras = (setup.rig.left, setup.rig.right)[:cameras]
     whole = []
     for pose in poses:
         seen = frames.inverse(setup.mounting) @ (pose if held else frames.inverse(pose)) @ setup.rest
         corners = frames.apply(seen, setup.points_mm)
-        px = np.array([camera.project(corners) for camera in eyes])
+        px = np.array([camera.project(corners) for camera in cameras])
         inside = (px >= 0.0) & (px < np.array(setup.rig.image_size))
         whole.append(bool(inside.all() and (corners[:, 2] > 0.0).all()))
     assert information(setup, poses)[1].tolist() == whole

@@ -21,9 +21,9 @@ def test_folders_of_left_and_right_come_in_the_order_of_their_numbers(tmp_path: 
     for k in (10, 9, 2):
         save(tmp_path / f"look-{k}" / "left.png", k)
         save(tmp_path / f"look-{k}" / "right.png", 100 + k)
-    eyes = RecordedCamera(tmp_path, clock=lambda: 5.0)
-    eyes.open()
-    pairs = [eyes.grab(0.0, 1.0) for _ in range(3)]
+    cameras = RecordedCamera(tmp_path, clock=lambda: 5.0)
+    cameras.open()
+    pairs = [cameras.grab(0.0, 1.0) for _ in range(3)]
     assert [int(p.left.pixels[0, 0]) for p in pairs] == [2, 9, 10]
     assert [int(p.right.pixels[0, 0]) for p in pairs] == [102, 109, 110]
     assert pairs[0].skew_ms == 0.0
@@ -33,8 +33,8 @@ def test_a_runs_images_are_a_camera_too_and_can_begin_again(tmp_path: Path) -> N
     for k in (1, 2):
         save(tmp_path / f"{k}-left.png", k)
         save(tmp_path / f"{k}-right.png", k)
-    eyes = RecordedCamera(tmp_path, again=True)
-    assert [int(eyes.grab(0.0, 1.0).left.pixels[0, 0]) for _ in range(3)] == [1, 2, 1]
+    cameras = RecordedCamera(tmp_path, again=True)
+    assert [int(cameras.grab(0.0, 1.0).left.pixels[0, 0]) for _ in range(3)] == [1, 2, 1]
     once = RecordedCamera(tmp_path)
     for _ in range(2):
         once.grab(0.0, 1.0)

@@ -48,42 +48,42 @@ def test_a_pair_is_two_frames_of_one_moment_with_the_kernels_times_and_numbers()
 
 def test_no_light_in_a_pair_is_older_than_the_end_of_the_last_motion() -> None:
     system = machine()
-    eyes = camera(system)
-    eyes.open()
+    cameras = camera(system)
+    cameras.open()
     for rest_s in (100.5, 101.234, 102.9):
         system.now_s = rest_s  # frames queue up and overflow meanwhile
-        pair = eyes.grab(rest_s, 2.0)
+        pair = cameras.grab(rest_s, 2.0)
         assert min(pair.left.taken_s, pair.right.taken_s) - PERIOD_S / 2 >= rest_s
         assert system.now_s - rest_s <= 2 * PERIOD_S + 0.01
 
 
 def test_of_several_waiting_pairs_the_newest_is_given() -> None:
     system = machine()
-    eyes = camera(system)
-    eyes.grab(0.0, 1.0)
+    cameras = camera(system)
+    cameras.grab(0.0, 1.0)
     system.now_s = 100.34
-    assert eyes.grab(0.0, 1.0).left.sequence == 3
+    assert cameras.grab(0.0, 1.0).left.sequence == 3
     system.now_s = 103.0  # more frames than buffers: those that wait are the oldest
-    assert eyes.grab(0.0, 1.0).left.taken_s > 102.9
+    assert cameras.grab(0.0, 1.0).left.taken_s > 102.9
 
 
 def test_frames_that_were_lost_between_looks_are_counted() -> None:
     system = machine()
-    eyes = camera(system)
-    eyes.grab(100.0, 1.0)
+    cameras = camera(system)
+    cameras.grab(100.0, 1.0)
     system.now_s += 3.0
-    eyes.grab(system.now_s, 1.0)
-    assert eyes.reports()[0].tally.dropped > 10
+    cameras.grab(system.now_s, 1.0)
+    assert cameras.reports()[0].tally.dropped > 10
 
 
 def test_half_a_frame_is_looked_past_and_counted() -> None:
     system = machine()
     system.devices["/dev/video0"].schedule[1].data = bytes(16)
     system.devices["/dev/video0"].schedule[2].flags |= v4l2.BUFFER_ERROR
-    eyes = camera(system)
-    pair = eyes.grab(100.0, 1.0)
+    cameras = camera(system)
+    pair = cameras.grab(100.0, 1.0)
     assert pair.left.sequence == 3
-    assert eyes.reports()[0].tally.damaged == 2
+    assert cameras.reports()[0].tally.damaged == 2
 
 
 def test_a_camera_that_only_delivers_halves_says_so() -> None:
@@ -106,9 +106,9 @@ def test_a_jpeg_that_cannot_be_decoded_is_looked_past() -> None:
         for frame in device.schedule:
             frame.data = good
     system.devices["/dev/video0"].schedule[1].data = good[:40]
-    eyes = camera(system)
-    assert np.all(eyes.grab(100.0, 1.0).left.pixels == 90)
-    assert eyes.reports()[0].tally.damaged == 1
+    cameras = camera(system)
+    assert np.all(cameras.grab(100.0, 1.0).left.pixels == 90)
+    assert cameras.reports()[0].tally.damaged == 1
 
 
 def test_a_stalled_camera_is_named_and_both_devices_are_let_go() -> None:
@@ -126,28 +126,28 @@ def test_after_a_stall_the_next_grab_starts_the_streams_again() -> None:
     system = machine()
     right = system.devices["/dev/video1"]
     later, right.schedule = right.schedule, []
-    eyes = camera(system)
+    cameras = camera(system)
     with pytest.raises(CameraError):
-        eyes.grab(100.0, 0.5)
+        cameras.grab(100.0, 0.5)
     right.schedule = later
-    assert abs(eyes.grab(system.now_s, 2.0).skew_ms) < 20
+    assert abs(cameras.grab(system.now_s, 2.0).skew_ms) < 20
 
 
 def test_an_unplugged_camera_is_said_at_once_and_found_again_under_its_new_number() -> None:
     system = machine(count=200)
-    eyes = camera(system)
-    eyes.grab(100.0, 1.0)
+    cameras = camera(system)
+    cameras.grab(100.0, 1.0)
     gone = system.devices.pop("/dev/video1")
     before_s = system.now_s
     with pytest.raises(CameraError, match="right camera /dev/video1 is gone"):
-        eyes.grab(system.now_s, 5.0)
+        cameras.grab(system.now_s, 5.0)
     assert system.now_s - before_s < 0.2
     with pytest.raises(CameraError, match="right camera `right` is not there; there is: /dev/video0 `left`"):
-        eyes.grab(system.now_s, 5.0)
+        cameras.grab(system.now_s, 5.0)
     system.devices["/dev/video4"] = PretendDevice("right", schedule=gone.schedule)
-    pair = eyes.grab(system.now_s, 2.0)
+    pair = cameras.grab(system.now_s, 2.0)
     assert abs(pair.skew_ms) < 20
-    assert "/dev/video4" in eyes.describe()
+    assert "/dev/video4" in cameras.describe()
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_a_device_that_cannot_be_opened_says_what_to_do(number: int, words: str)
         camera(system, replace(SETTINGS, left="0")).open()
 
 
-def test_a_device_that_streams_to_another_program_is_busy_and_the_other_eye_is_let_go() -> None:
+def test_a_device_that_streams_to_another_program_is_busy_and_the_other_camera_is_let_go() -> None:
     system = machine()
     system.devices["/dev/video1"].fails[v4l2.REQBUFS] = errno.EBUSY
     with pytest.raises(CameraError, match=r"right camera /dev/video1 is busy: ffmpeg \(4711\) has it; stop that first"):
@@ -190,9 +190,9 @@ def test_the_first_format_of_the_wish_that_has_the_size_is_taken() -> None:
     system = machine()
     for device in system.devices.values():
         device.formats = {"YUYV": [(8, 4)], "GREY": [(4, 4)], "NV12": [(8, 4)]}
-    eyes = camera(system, replace(SETTINGS, formats=("GREY", "NV12", "YUYV")))
-    eyes.open()
-    assert "NV12 8x4" in eyes.describe()
+    cameras = camera(system, replace(SETTINGS, formats=("GREY", "NV12", "YUYV")))
+    cameras.open()
+    assert "NV12 8x4" in cameras.describe()
 
 
 def test_padded_rows_are_cut() -> None:
@@ -216,10 +216,10 @@ def test_stamps_of_a_clock_that_the_driver_does_not_name_count_once_they_fit_the
     for device in system.devices.values():
         for frame in device.schedule:
             frame.flags = v4l2.BUFFER_CLOCK_UNKNOWN
-    eyes = camera(system)
-    assert eyes.grab(100.0, 2.0).skew_ms == pytest.approx(15.0)
+    cameras = camera(system)
+    assert cameras.grab(100.0, 2.0).skew_ms == pytest.approx(15.0)
     system.now_s = 100.34
-    assert eyes.grab(100.1, 2.0).left.sequence == 3  # had waited, and is known to be fresh enough
+    assert cameras.grab(100.1, 2.0).left.sequence == 3  # had waited, and is known to be fresh enough
 
 
 def test_a_device_whose_stamps_are_of_another_clock_never_passes_off_an_old_frame_as_new() -> None:
@@ -227,10 +227,10 @@ def test_a_device_whose_stamps_are_of_another_clock_never_passes_off_an_old_fram
     for device in system.devices.values():
         for frame in device.schedule:
             frame.flags, frame.stamp_s = 0, 5.0
-    eyes = camera(system)
-    eyes.open()
+    cameras = camera(system)
+    cameras.open()
     system.now_s = 102.0
-    pair = eyes.grab(102.0, 2.0)
+    pair = cameras.grab(102.0, 2.0)
     assert pair.left.sequence > 20
 
 
@@ -240,33 +240,33 @@ def test_a_stamp_that_is_ahead_of_the_time_it_is_read_at_says_nothing_whatever_c
     for device in system.devices.values():
         for frame in device.schedule:
             frame.stamp_s = frame.at_s + 1.0
-    eyes = camera(system)
-    eyes.open()
-    eyes.grab(100.0, 2.0)
+    cameras = camera(system)
+    cameras.open()
+    cameras.grab(100.0, 2.0)
     system.now_s = 100.34
-    assert eyes.grab(100.34, 2.0).left.sequence == 5, "the first that was exposed wholly after that"
+    assert cameras.grab(100.34, 2.0).left.sequence == 5, "the first that was exposed wholly after that"
 
 
 def test_a_frame_that_waited_with_a_stamp_ahead_of_the_time_is_of_no_known_age_and_not_looked_at() -> None:
     system = machine()
     for device in system.devices.values():
         device.schedule[3].stamp_s = 102.0
-    eyes = camera(system)
-    eyes.grab(100.0, 2.0)
+    cameras = camera(system)
+    cameras.grab(100.0, 2.0)
     system.now_s = 100.41
     for device in system.devices.values():
         device.advance(100.39)
         device.schedule = [frame for frame in device.schedule if frame.sequence > 4]
-    assert eyes.grab(100.25, 2.0).left.sequence == 5, "not 3, which came at 100.32 and was exposed since 100.22"
+    assert cameras.grab(100.25, 2.0).left.sequence == 5, "not 3, which came at 100.32 and was exposed since 100.22"
 
 
-def test_wished_controls_are_set_on_both_eyes_and_reported() -> None:
+def test_wished_controls_are_set_on_both_cameras_and_reported() -> None:
     system = machine()
     for device in system.devices.values():
         device.controls[0x00980913] = PretendControl("Gain", 0, 255, 0)
-    eyes = camera(system, replace(SETTINGS, controls={"gain": 32}))
-    eyes.open()
-    assert [r.controls for r in eyes.reports()] == [{"gain": 32}, {"gain": 32}]
+    cameras = camera(system, replace(SETTINGS, controls={"gain": 32}))
+    cameras.open()
+    assert [r.controls for r in cameras.reports()] == [{"gain": 32}, {"gain": 32}]
 
 
 def exposed(**wishes: float) -> tuple[object, list[int]]:
@@ -274,13 +274,13 @@ def exposed(**wishes: float) -> tuple[object, list[int]]:
     system = machine()
     for device in system.devices.values():
         device.controls[0x009A0902] = PretendControl("Exposure Time, Absolute", 3, 2047, 100)
-    eyes = camera(system, replace(SETTINGS, controls=wishes))
-    eyes.open()
-    took = eyes.expose(2.0, 0.5)
+    cameras = camera(system, replace(SETTINGS, controls=wishes))
+    cameras.open()
+    took = cameras.expose(2.0, 0.5)
     return took, [device.controls[0x009A0902].value for device in system.devices.values()]
 
 
-def test_each_eye_gathers_as_much_more_light_as_it_is_told() -> None:
+def test_each_camera_gathers_as_much_more_light_as_it_is_told() -> None:
     assert exposed() == ((2.0, 0.5), [200, 50])
 
 
@@ -289,21 +289,21 @@ def test_an_exposure_that_the_operator_has_set_is_his() -> None:
 
 
 def test_cameras_without_exposure_or_gain_say_that_there_is_nothing_to_set() -> None:
-    eyes = camera(machine())
-    eyes.open()
-    assert eyes.expose(2.0, 0.5) is None
+    cameras = camera(machine())
+    cameras.open()
+    assert cameras.expose(2.0, 0.5) is None
 
 
 def test_closing_twice_is_safe_and_frees_the_devices() -> None:
     system = machine()
-    eyes = camera(system)
-    eyes.open()
-    eyes.open()
+    cameras = camera(system)
+    cameras.open()
+    cameras.open()
     assert [d.opened for d in system.devices.values()] == [1, 1]
-    eyes.close()
-    eyes.close()
+    cameras.close()
+    cameras.close()
     assert [d.opened for d in system.devices.values()] == [0, 0]
-    assert eyes.describe() == "closed: left `left`, right `right`"
+    assert cameras.describe() == "closed: left `left`, right `right`"
 
 
 def test_waiting_for_a_pair_sleeps_instead_of_spinning() -> None:
@@ -324,33 +324,33 @@ def test_settings_that_no_camera_could_meet_are_refused(wrong: dict[str, object]
 def test_one_camera_alone_gives_its_frame_twice_and_the_other_device_is_not_touched() -> None:
     system = machine()
     del system.devices["/dev/video1"]
-    eyes = camera(system, replace(SETTINGS, right=None))
-    pair = eyes.grab(system.now_s, 2.0)
+    cameras = camera(system, replace(SETTINGS, right=None))
+    pair = cameras.grab(system.now_s, 2.0)
     assert pair.left is pair.right
     with pytest.raises(CameraError, match="names only left"):
-        eyes.use(None)
+        cameras.use(None)
 
 
-def test_an_eye_that_is_torn_off_keeps_nobody_from_looking_with_the_other_and_is_opened_again_for_both() -> None:
+def test_a_camera_that_is_torn_off_keeps_nobody_from_looking_with_the_other_and_is_opened_again_for_both() -> None:
     system = machine()
-    eyes, torn = camera(system), system.devices.pop("/dev/video0")
+    cameras, torn = camera(system), system.devices.pop("/dev/video0")
     with pytest.raises(CameraError, match="left camera"):
-        eyes.grab(system.now_s, 0.5)
-    eyes.use("right")
-    alone = eyes.grab(system.now_s, 0.5)
+        cameras.grab(system.now_s, 0.5)
+    cameras.use("right")
+    alone = cameras.grab(system.now_s, 0.5)
     assert alone.left is alone.right
     assert np.all(alone.left.pixels >= 100)
     system.devices["/dev/video0"] = torn
-    eyes.use(None)
-    assert eyes.grab(system.now_s, 2.0).left.pixels.max() < 100
+    cameras.use(None)
+    assert cameras.grab(system.now_s, 2.0).left.pixels.max() < 100
 
 
-def test_a_lone_eye_that_falls_silent_is_the_only_one_that_is_named() -> None:
+def test_a_lone_camera_that_falls_silent_is_the_only_one_that_is_named() -> None:
     system = machine(count=3)
-    eyes = camera(system)
-    eyes.use("left")
+    cameras = camera(system)
+    cameras.use("left")
     with pytest.raises(CameraError, match="no picture within") as told:
-        eyes.grab(system.now_s + 10.0, 11.0)
+        cameras.grab(system.now_s + 10.0, 11.0)
     assert "right" not in str(told.value)
 
 

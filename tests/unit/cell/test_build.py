@@ -56,8 +56,8 @@ def test_a_controller_that_does_not_answer_is_told_with_what_to_check(tmp_path: 
 def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -> None:
     for n in range(2):
         (tmp_path / "pairs" / str(n)).mkdir(parents=True)
-        for eye in ("left", "right"):
-            cv2.imwrite(str(tmp_path / "pairs" / str(n) / f"{eye}.png"), np.full((48, 64), 50 + 10 * n, np.uint8))
+        for camera in ("left", "right"):
+            cv2.imwrite(str(tmp_path / "pairs" / str(n) / f"{camera}.png"), np.full((48, 64), 50 + 10 * n, np.uint8))
 
     async def look() -> list[int]:
         built = hardware(tmp_path, "cell: recorded\n")

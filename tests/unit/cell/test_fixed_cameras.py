@@ -70,8 +70,8 @@ def test_a_pick_looks_once_from_home_keeps_out_of_the_cameras_and_counts_the_arm
     assert not set(CAMERAS_ON_HAND) & set(settings.limits.capsules)
     assert all(x > -50.0 for x, _, _ in settings.limits.body_mm), "no camera is behind the fingers"
     box = settings.limits.keep_out[-1]
-    for eye in (calibration.rig.left, calibration.rig.right):
-        centre = (workcell.mounting.world_from_cyclopean @ eye.cyclopean_from_camera)[:3, 3]
+    for camera in (calibration.rig.left, calibration.rig.right):
+        centre = (workcell.mounting.world_from_cyclopean @ camera.cyclopean_from_camera)[:3, 3]
         assert (centre - 50.0 > box.low_mm).all()
         assert (centre + 50.0 < box.high_mm).all()
     assert settings.doubt.arm_mm == calibration.quality.arm_mm

@@ -60,16 +60,16 @@ def test_without_a_hand_eye_there_is_still_a_workcell_to_look_with() -> None:
 
 
 @pytest.mark.parametrize("alone", ["left", "right"])
-def test_with_one_eye_places_are_planned_for_its_usual_pair_and_the_eye_stays_where_it_is(alone: str) -> None:
+def test_with_one_camera_places_are_planned_for_its_usual_pair_and_the_camera_stays_where_it_is(alone: str) -> None:
     calibration = load_calibration(CONFIG.parent / "calibration.yaml")
     workcell, _ = built(calibration, alone)
     assert workcell.alone == alone
-    eye = getattr(calibration.rig, alone)
+    camera = getattr(calibration.rig, alone)
     assert np.allclose(
         workcell.mounting.tool_from_cyclopean @ workcell.rig.left.cyclopean_from_camera,
-        calibration.tool_from_cyclopean @ eye.cyclopean_from_camera,
+        calibration.tool_from_cyclopean @ camera.cyclopean_from_camera,
     )
-    assert workcell.rig.left.matrix is workcell.rig.right.matrix is eye.matrix
+    assert workcell.rig.left.matrix is workcell.rig.right.matrix is camera.matrix
 
 
 def test_the_simulated_bin_catches_what_is_let_go_over_it_however_it_is_held() -> None:

@@ -22,11 +22,11 @@ def config(tmp_path: Path) -> Path:
     """A configuration whose cameras are two recorded pairs."""
     shutil.copytree(folders.HOUSE / "etc", tmp_path / "etc")
     for pair in ("1", "2"):
-        for k, eye in enumerate(("left", "right")):
+        for k, camera in enumerate(("left", "right")):
             folder = tmp_path / "etc" / "pairs" / pair
             folder.mkdir(parents=True, exist_ok=True)
             image = np.random.default_rng(k).integers(60, 200, (480, 640), np.uint8)
-            cv2.imwrite(str(folder / f"{eye}.png"), image)
+            cv2.imwrite(str(folder / f"{camera}.png"), image)
     path = tmp_path / "etc" / "facetd.yaml"
     text = path.read_text().replace("cell: real", "cell: recorded")
     path.write_text(text + f"\nfolders: {{state: {tmp_path}/state}}\n")

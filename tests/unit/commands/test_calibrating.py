@@ -103,7 +103,7 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
         ("right", "right", "camera", "has it as cameras.left"),
     ],
 )
-def test_only_the_eyes_that_are_there_are_calibrated(
+def test_only_the_cameras_that_are_there_are_calibrated(
     context: Any, cameras: str, alone: str | None, kind: str, told: str
 ) -> None:
     context.config.values.cameras = dict.fromkeys(cameras.split(), "x")

@@ -1,4 +1,5 @@
-"""After a camera's fault: which eye is offered, that nothing is looked with that was not allowed, and the way back."""
+"""After a camera's fault: which camera is offered, that nothing is looked with that was not allowed, and the way
+back."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm import EyeName, Interruption, RefusedError, operator_command
+from daemon.arm import CameraName, Interruption, RefusedError, operator_command
 from daemon.arm.belief import BeliefSource
 from daemon.commands import camera_selection
 from daemon.commands.camera_selection import UNMEASURED, cameras
@@ -42,12 +43,12 @@ def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
 
 
 def broken(here: Hours) -> None:
-    """The right eye was torn off, and the arm was stopped for it."""
+    """The right camera was torn off, and the arm was stopped for it."""
     here.cell.camera.set_fault("right", "away")
     here.cycle.supervisor.latch(FAULT)
 
 
-def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it_after_a_yes() -> None:
+def test_resume_offers_the_camera_that_is_left_says_what_it_costs_and_looks_with_it_after_a_yes() -> None:
     async def story(here: Hours) -> None:
         broken(here)
         frontend = FakeFrontend(answers=["y"])
@@ -65,14 +66,14 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_were(stopped: bool) -> None:
+def test_nobody_looks_while_the_cameras_are_changed_and_a_stop_leaves_them_as_they_were(stopped: bool) -> None:
     """The cameras were closed and one of them opened again for seconds: a look that began meanwhile had its one picture
-    for both eyes', and the change was refused as `busy`."""
+    for both cameras', and the change was refused as `busy`."""
 
     async def story(here: Hours) -> None:
         change = here.context.hardware.cameras.use
 
-        async def slowly(alone: EyeName | None) -> None:
+        async def slowly(alone: CameraName | None) -> None:
             await change(alone)
             await asyncio.sleep(2.0)
 
@@ -93,7 +94,7 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
     lived(story)
 
 
-def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
+def test_after_a_no_the_fault_stands_and_both_cameras_stay() -> None:
     async def story(here: Hours) -> None:
         broken(here)
         with pytest.raises(CommandError, match="fault is not cleared"):
@@ -104,8 +105,8 @@ def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
     lived(story)
 
 
-def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the_arm_is_reckoned_with() -> None:
-    """The look began in between: with one eye's pictures, taken for both's; and the change was undone amid it."""
+def test_whoever_looks_as_soon_as_the_cameras_are_changed_looks_with_those_that_the_arm_is_reckoned_with() -> None:
+    """The look began in between: with one camera's pictures, taken for both's; and the change was undone amid it."""
 
     async def story(here: Hours) -> None:
         supervisor = here.cycle.supervisor
@@ -122,8 +123,8 @@ def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the
     lived(story)
 
 
-def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_it_was_asked_for() -> None:
-    """`abort` leaves no fault: the arm moved the eye aside after it."""
+def test_a_yes_to_teach_a_new_part_moves_no_camera_where_the_arm_was_stopped_since_it_was_asked_for() -> None:
+    """`abort` leaves no fault: the arm moved the camera aside after it."""
 
     async def story(here: Hours) -> None:
         await cameras.run(here.context, ["left"], FakeFrontend())
@@ -158,7 +159,7 @@ def test_a_frontend_that_cannot_ask_is_told_the_word_and_nothing_changes() -> No
 
 
 @pytest.mark.parametrize("fault", [FAULT, "stopped by tester"])
-def test_where_both_eyes_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str) -> None:
+def test_where_both_cameras_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str) -> None:
     async def story(here: Hours) -> None:
         here.cycle.supervisor.latch(fault)
         frontend = FakeFrontend(answers=["y"])
@@ -169,7 +170,7 @@ def test_where_both_eyes_see_or_no_camera_was_to_blame_nothing_is_offered(fault:
     lived(story)
 
 
-def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
+def test_a_camera_is_looked_with_again_only_after_both_showed_one_scene() -> None:
     async def story(here: Hours) -> None:
         broken(here)
         await resume.run(here.context, [], FakeFrontend(answers=["y"]))
@@ -185,7 +186,7 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
     lived(story)
 
 
-def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
+def test_a_camera_that_does_not_see_cannot_be_looked_with_alone() -> None:
     async def story(here: Hours) -> None:
         here.cell.camera.cover("right")
         with pytest.raises(CommandError, match=r"right camera cannot be used.*covered"):
@@ -196,7 +197,7 @@ def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
     lived(story)
 
 
-def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye() -> None:
+def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one_camera() -> None:
     async def story(here: Hours) -> None:
         await cameras.run(here.context, ["left"], FakeFrontend())
         with pytest.raises(CommandError, match="with one camera a look moves the arm"):
@@ -243,7 +244,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
     lived(story)
 
 
-def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes() -> None:
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_cameras() -> None:
     async def story(here: Hours) -> None:
         begun: list[Any] = []
 
@@ -290,7 +291,7 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resume
 
 
 def auto_degrading(here: Hours) -> tuple[CycleObserver, list[str]]:
-    """What happens between picks where the configuration has one eye go on by itself, and what is begun there."""
+    """What happens between picks where the configuration has one camera go on by itself, and what is begun there."""
     begun: list[str] = []
 
     def beside(work: Coroutine[Any, Any, None], name: str) -> None:
@@ -376,12 +377,12 @@ def test_a_camera_that_does_not_hold_exposure_or_focus_is_told_by_cameras_and_th
 def test_a_rolling_shutter_is_measured_only_where_something_moves_and_doctor_says_what_was_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    async def measured(*_: object) -> dict[EyeName, str]:
+    async def measured(*_: object) -> dict[CameraName, str]:
         return {"left": "rolling shutter: the last row is exposed 20 ms after the first"}
 
     async def story(here: Hours) -> None:
         still = await cameras.run(here.context, ["moving"], FakeFrontend(answers=["y"]))
-        assert still.text.splitlines() == [f"{eye} camera: {UNMEASURED}" for eye in ("left", "right")]
+        assert still.text.splitlines() == [f"{camera} camera: {UNMEASURED}" for camera in ("left", "right")]
         with pytest.raises(CommandError, match="not measured"):
             await cameras.run(here.context, ["moving"], FakeFrontend(answers=["n"]))
         monkeypatch.setattr(camera_selection, "shutters", measured)

@@ -141,7 +141,7 @@ def test_a_column_that_no_file_of_the_store_has_yet_is_null(store: Store) -> Non
     assert opened(store).execute("SELECT outcome, eyes FROM cycles").fetchall() == [("missed", None)]
 
 
-def test_which_eyes_looked_stands_with_each_look_and_each_pick(tmp_path: Path) -> None:
+def test_which_cameras_looked_stands_with_each_look_and_each_pick(tmp_path: Path) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.cycle = 1
     made.write("cycle_start", cycle=1, target=None)

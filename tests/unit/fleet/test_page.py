@@ -31,11 +31,11 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """The first week of a year of many cells, and its last six."""
     folder = tmp_path_factory.mktemp("hall")
     made = MadeRun(folder / "20260102T030405Z", pictures=False)
-    eyes = {"darkness_left": 200.0, "darkness_right": 190.0, "epipolar_pair": 0.08}
+    cameras = {"darkness_left": 200.0, "darkness_right": 190.0, "epipolar_pair": 0.08}
     turns = {f"{axis}_deg": 0.01 for axis in ("pitch", "roll", "vergence")}
     turns |= {f"{axis}_sigma_deg": 0.02 for axis in ("pitch", "roll", "vergence")}
     look = made.look
-    made.look = lambda *args, **more: look(*args, **(eyes | turns | more))  # type: ignore[method-assign]
+    made.look = lambda *args, **more: look(*args, **(cameras | turns | more))  # type: ignore[method-assign]
     for label in ("cube", "pyramid", "pentagonal_prism"):
         made.pick(label=label)
     made.close()
@@ -89,7 +89,7 @@ def test_counts_of_the_page_are_those_of_the_days_it_shows(data: Any) -> None:
 @pytest.mark.parametrize(
     ("back", "told"), [(False, "the left camera is in use alone"), (True, "both are in use again")]
 )
-def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, told: str) -> None:
+def test_a_cell_that_looked_with_one_camera_is_told_of(tmp_path: Path, back: bool, told: str) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
     made.pick()
     made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}

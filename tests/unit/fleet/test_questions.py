@@ -29,9 +29,9 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """Sixty days of eight cells."""
     folder = tmp_path_factory.mktemp("year")
     made = MadeRun(folder / "20260102T030405Z")
-    eyes = {"darkness_left": 200.0, "darkness_right": 190.0, "pitch_deg": 0.01, "pitch_sigma_deg": 0.02}
+    cameras = {"darkness_left": 200.0, "darkness_right": 190.0, "pitch_deg": 0.01, "pitch_sigma_deg": 0.02}
     look = made.look
-    made.look = lambda *args, **more: look(*args, **(eyes | more))  # type: ignore[method-assign]
+    made.look = lambda *args, **more: look(*args, **(cameras | more))  # type: ignore[method-assign]
     for label in ("cube", "pyramid", "pentagonal_prism"):
         made.pick(label=label)
     made.cycle += 1

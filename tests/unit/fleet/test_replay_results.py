@@ -70,7 +70,7 @@ def test_proved_names_that_were_lost_come_first_among_the_differences() -> None:
     ("left", "right", "light"),
     [(220.0, 59.0, "under 60"), (60.0, 90.0, "60 to 120"), (200.0, None, "over 180"), (None, None, "not measured")],
 )
-def test_the_light_of_a_look_is_that_of_its_darker_eye(left: float | None, right: float | None, light: str) -> None:
+def test_the_light_of_a_look_is_that_of_its_darker_camera(left: float | None, right: float | None, light: str) -> None:
     assert light_of({"darkness_left": left, "darkness_right": right}) == light
 
 

@@ -29,7 +29,7 @@ TOOL_FROM_CYCLOPEAN = frames.rigid(np.eye(3), np.array([-70.0, 0.0, -100.0]))
 THING = CircledPart(np.array([520.0, 0.0, -280.0]), 40.0)
 
 
-def eyes(poses: list[np.ndarray]) -> np.ndarray:
+def cameras(poses: list[np.ndarray]) -> np.ndarray:
     return np.array([(p @ TOOL_FROM_CYCLOPEAN)[:3, 3] - THING.middle for p in poses])
 
 
@@ -37,7 +37,7 @@ def eyes(poses: list[np.ndarray]) -> np.ndarray:
 def test_the_places_lie_all_round_and_look_at_the_middle(count: int) -> None:
     poses = tour_round(THING, count, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
     assert len(poses) == count
-    away = eyes(poses)
+    away = cameras(poses)
     assert np.linalg.norm(away, axis=1) == pytest.approx(NEAREST_MM, abs=1e-6)
     axes = np.array([(p @ TOOL_FROM_CYCLOPEAN)[:3, 2] for p in poses])
     assert np.abs(axes + away / NEAREST_MM).max() < 1e-9
@@ -58,7 +58,7 @@ def test_only_allowed_places_are_chosen_each_once() -> None:
 
 def test_a_large_thing_is_looked_at_from_farther_away() -> None:
     far = tour_round(CircledPart(THING.middle, 80.0), 6, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
-    assert np.linalg.norm(eyes(far), axis=1).min() > 1.3 * NEAREST_MM
+    assert np.linalg.norm(cameras(far), axis=1).min() > 1.3 * NEAREST_MM
 
 
 def test_what_lies_beside_the_thing_is_not_its() -> None:

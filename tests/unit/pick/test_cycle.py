@@ -78,7 +78,7 @@ def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty_unless_the
         scene = see(left, right, table)
         if used:
             return replace(scene, view=replace(scene.view, polygons_left=(outline,), polygons_right=(outline,)))
-        alone = tuple(Rejected(corners, eye, "no partner") for eye in ("left", "right"))
+        alone = tuple(Rejected(corners, camera, "no partner") for camera in ("left", "right"))
         return replace(scene, view=replace(scene.view, rejected=alone))
 
     cycle.recogniser.see = outlined
@@ -349,7 +349,7 @@ def acts_of(world: World) -> list[str]:
 
 
 @pytest.mark.parametrize("light", [(1.0, 0.5), (0.4, 0.4), (2.6, 2.6)])
-def test_eyes_of_unequal_or_wrong_exposure_are_set_in_the_survey_and_never_on_an_approach(light):
+def test_cameras_of_unequal_or_wrong_exposure_are_set_in_the_survey_and_never_on_an_approach(light):
     world = one_part()
     world.light = light
     exposed_at = []
@@ -393,7 +393,7 @@ def test_light_that_will_do_is_not_touched_and_cameras_that_cannot_be_set_are_lo
     async def fixed(left, right):
         return None
 
-    cycle.cell.eyes.expose = fixed
+    cycle.cell.cameras.expose = fixed
     assert asyncio.run(cycle.pick()).outcome == "picked"
     assert world.light == (1.0, 0.5)
 

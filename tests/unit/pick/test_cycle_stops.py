@@ -494,7 +494,7 @@ def test_an_unknown_place_is_refused_with_the_places_there_are():
 def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.cell.eyes.shaking = 3
+    cycle.cell.cameras.shaking = 3
     look = lived(cycle.look())
     assert look.taken.settled_s > 0.05
     said = world.said("look")[0]
@@ -506,7 +506,7 @@ def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
 def test_images_that_never_agree_are_told_and_are_no_look():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.cell.eyes.shaking = 10_000
+    cycle.cell.cameras.shaking = 10_000
     with pytest.raises(Exception, match="still change"):
         lived(cycle.look())
     assert not world.said("look")

@@ -65,9 +65,9 @@ def test_a_table_from_which_parts_were_skipped_is_looked_at_from_every_survey_an
 
 def test_a_survey_of_which_only_the_place_is_said_looks_at_it_leaning_along_x():
     pose = SurveyView(centre_mm=(500.0, 50.0, -300.0)).pose(ON_HAND)
-    eye = ON_HAND.world_from_cyclopean_at(pose)
-    away = np.array([500.0, 50.0, -300.0]) - eye[:3, 3]
-    assert np.cross(away, eye[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-6)
+    camera = ON_HAND.world_from_cyclopean_at(pose)
+    away = np.array([500.0, 50.0, -300.0]) - camera[:3, 3]
+    assert np.cross(away, camera[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-6)
     assert pose[:3, 2] == pytest.approx([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], abs=1e-6)
 
 

@@ -47,7 +47,7 @@ DOUBT = CONFIG.values.pick.doubt
 
 
 def taken(pair: Any, rig: StereoRig) -> Taken:
-    """A pair of both eyes, the arm at the world's origin."""
+    """A pair of both cameras, the arm at the world's origin."""
     return Taken(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
 
 
@@ -117,7 +117,7 @@ def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as
 ) -> None:
     """A small part whose edges the fingers' drew to themselves 6 mm off counted as missed."""
     mount: Any = CameraMount(None, OnHand(np.eye(4)))  # type: ignore[arg-type]
-    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), eyes=None)
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     target: Any = SimpleNamespace(
         label="cube", shape=shape_of("cube"), tool_from_part=np.eye(4),
         estimate=SimpleNamespace(covariance=np.diag([0.01] * 3 + [1e-6] * 3)),
@@ -211,12 +211,12 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     doubt = Doubt(0.0, 0.0, 0.0, 0.0, 0.0)
     fit = Fit(frames.inverse(tool_from_cyclopean) @ seen, tight, 0.1, 9)
     found: list[Any] = []
-    monkeypatch.setattr(following, "settled", lambda shape, eyes, near, reach: found.append((near, reach)) or fit)
+    monkeypatch.setattr(following, "settled", lambda shape, stereo, near, reach: found.append((near, reach)) or fit)
     target: Any = SimpleNamespace(
         label="cube", shape=shape_of("cube"), tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
         plan=SimpleNamespace(grasp=SimpleNamespace(world_from_tool=np.eye(4))),
     )  # fmt: skip
-    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), eyes=None)
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
     held = held_pose(target, look, mount, doubt)
     assert held is not None
@@ -242,7 +242,7 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     at, own = frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0])), np.diag([0.01] * 3 + [1e-6] * 3)
     fit = Fit(frames.inverse(tool_from_cyclopean) @ at, own, 0.1, 9)
     monkeypatch.setattr(following, "settled", lambda *_: fit)
-    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), eyes=None)
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
     grasped_so = HeldPart("cube", at, own + np.diag([0.09] * 3 + [0.0] * 3))
     held = held_by_edges(shape_of("cube"), grasped_so, look, mount, Doubt(0.3, 0.0, 0.0, 0.0, 0.0))
@@ -278,9 +278,9 @@ def test_the_least_error_at_the_grasp_is_that_of_calibration_and_arm_alone_and_g
 def test_one_camera_that_took_both_pictures_has_what_goes_with_it_in_one_place_in_both() -> None:
     seen, mount = look_back(1, True)
     for who, cameras in ((None, (seen.rig.left, seen.rig.right)), ("right", (mount.rig.left, mount.rig.left))):
-        views = following._eyes_on_the_hand(seen, replace(mount, alone=who)).views
+        views = following._cameras_on_the_gripper(seen, replace(mount, alone=who)).views
         for view, camera in zip(views, cameras, strict=True):
-            np.testing.assert_array_equal(view.eye.camera.cyclopean_from_camera, camera.cyclopean_from_camera)
+            np.testing.assert_array_equal(view.rectified.camera.cyclopean_from_camera, camera.cyclopean_from_camera)
 
 
 def test_no_look_tells_of_a_gripper_that_shows_the_same_with_a_part_as_without_that_it_is_empty() -> None:
@@ -288,7 +288,7 @@ def test_no_look_tells_of_a_gripper_that_shows_the_same_with_a_part_as_without_t
 
 
 @pytest.mark.parametrize("shown", [True, False])
-def test_in_a_pair_of_one_eye_each_picture_says_where_the_part_is_and_the_arm_errs_at_both(
+def test_in_a_pair_of_one_camera_each_picture_says_where_the_part_is_and_the_arm_errs_at_both(
     monkeypatch: pytest.MonkeyPatch, shown: bool
 ) -> None:
     both = moved_rig(load_calibration(CONFIG.calibration).rig.left, (640, 480), (DOWN, DOWN @ ASIDE))[0]
@@ -296,7 +296,7 @@ def test_in_a_pair_of_one_eye_each_picture_says_where_the_part_is_and_the_arm_er
     fits = [Fit(frames.perturb(truth, np.array([off, 0, 0, 0, 0, 0])), 0.01 * np.eye(6), 0.2, 8) for off in (0.1, -0.1)]
     asked: list[Any] = []
     monkeypatch.setattr(following, "fit_each", lambda *about: asked.append(about) or (fits if shown else None))
-    pair: Any = SimpleNamespace(eyes="the pictures", rig=both, moved=SimpleNamespace(arm=arm))
+    pair: Any = SimpleNamespace(stereo="the pictures", rig=both, moved=SimpleNamespace(arm=arm))
     found = following.by_edges(shape_of("cube"), pair, truth, 7.0)
     assert [about[1:] for about in asked] == [("the pictures", truth, 7.0)]
     if not shown:

@@ -156,10 +156,10 @@ def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_
 def test_from_where_a_look_was_is_its_cameras_place_and_not_how_they_were_turned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def look(eye_mm: tuple[float, float, float], roll_deg: float) -> Any:
+    def look(viewpoint_mm: tuple[float, float, float], roll_deg: float) -> Any:
         turn = np.radians(roll_deg)
         rolled = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-        return SimpleNamespace(world_from_cyclopean=frames.rigid(rolled, np.array(eye_mm)))
+        return SimpleNamespace(world_from_cyclopean=frames.rigid(rolled, np.array(viewpoint_mm)))
 
     def seen(of: Any) -> list[Any]:
         return [SimpleNamespace(look=of, centre=np.zeros(3), named=True)]

@@ -86,9 +86,9 @@ def test_where_the_expected_is_not_found_everything_is_looked_for():
 
 def test_a_look_is_from_where_the_two_cameras_are():
     look, *_ = taken(None)
-    for eye, camera in zip(look.eyes, (look.taken.rig.left, look.taken.rig.right), strict=True):
+    for viewpoint, camera in zip(look.viewpoints, (look.taken.rig.left, look.taken.rig.right), strict=True):
         middle = frames.apply(look.world_from_cyclopean, camera.cyclopean_from_camera[None, :3, 3])
-        np.testing.assert_allclose(eye, middle[0])
+        np.testing.assert_allclose(viewpoint, middle[0])
 
 
 def test_a_look_that_followed_a_part_hints_at_nothing_of_the_calibration():
@@ -153,7 +153,7 @@ def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_c
 
 
 @pytest.mark.parametrize("to_the_right", [True, False])
-def test_of_two_pictures_of_one_eye_the_left_is_whichever_was_taken_to_the_left(to_the_right: bool):
+def test_of_two_pictures_of_one_camera_the_left_is_whichever_was_taken_to_the_left(to_the_right: bool):
     """On a wrist that is turned, so that the camera's right is along none of the world's axes."""
     world = World(np.random.default_rng(0))
     cell, turned = build(world), frames.rotation_from_vector(np.array([0.3, 2.0, 1.1]))
@@ -173,8 +173,8 @@ def test_of_two_pictures_of_one_eye_the_left_is_whichever_was_taken_to_the_left(
     assert pair.settled_s == 0.7
     assert pair.reading.world_from_tool is then
     places = [start, then] if to_the_right else [then, start]
-    for place, eye in zip(places, (pair.rig.left, pair.rig.right), strict=True):
-        seen_from = pair.world_from_cyclopean @ eye.cyclopean_from_camera
+    for place, camera in zip(places, (pair.rig.left, pair.rig.right), strict=True):
+        seen_from = pair.world_from_cyclopean @ camera.cyclopean_from_camera
         np.testing.assert_allclose(seen_from, place @ cell.rig.left.cyclopean_from_camera, atol=1e-9)
     assert np.array_equal(pair.moved.left, pair.rig.left.cyclopean_from_camera)
     assert np.array_equal(pair.moved.right, pair.rig.right.cyclopean_from_camera)

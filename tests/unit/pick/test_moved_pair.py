@@ -1,4 +1,4 @@
-"""One eye at two places: the rig of that, where it may go, and the arm's errors in what comes of it."""
+"""One camera at two places: the rig of that, where it may go, and the arm's errors in what comes of it."""
 
 from __future__ import annotations
 
@@ -48,23 +48,23 @@ def test_one_camera_alone_is_planned_with_as_a_pair_of_itself_60_mm_apart(alone:
     both = rig()
     tool_from_cyclopean = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([10.0, 60.0, -40.0]))
     planned, tool_from_planned = moved_pair.seen_by_one(both, tool_from_cyclopean, alone)
-    eye = getattr(both, alone)
+    camera = getattr(both, alone)
     assert planned.baseline_mm == pytest.approx(60.0)
     tool_from_first = tool_from_planned @ planned.left.cyclopean_from_camera
-    np.testing.assert_allclose(tool_from_first, tool_from_cyclopean @ eye.cyclopean_from_camera, atol=1e-9)
+    np.testing.assert_allclose(tool_from_first, tool_from_cyclopean @ camera.cyclopean_from_camera, atol=1e-9)
     for camera in (planned.left, planned.right):
-        np.testing.assert_allclose(camera.matrix, eye.matrix)
+        np.testing.assert_allclose(camera.matrix, camera.matrix)
     turned = frames.difference(planned.left.cyclopean_from_camera, planned.right.cyclopean_from_camera)[3:]
     np.testing.assert_allclose(turned, 0.0, atol=1e-9)
 
 
-def test_an_eye_that_did_not_move_makes_no_pair() -> None:
+def test_a_camera_that_did_not_move_makes_no_pair() -> None:
     with pytest.raises(ValueError, match="did not move"):
         moved_rig(rig().left, (640, 480), (DOWN, DOWN.copy()))
 
 
 @given(st.floats(50, 1500), st.booleans())
-def test_the_eye_goes_40_to_120_mm_aside_and_does_not_turn(away_mm: float, known: bool) -> None:
+def test_the_camera_goes_40_to_120_mm_aside_and_does_not_turn(away_mm: float, known: bool) -> None:
     for place in moved_pair.places_beside(DOWN, away_mm, known):
         moved = frames.difference(place, DOWN)
         assert 40.0 - 1e-9 <= np.linalg.norm(moved[:3]) <= 120.0 + 1e-9
@@ -81,18 +81,18 @@ def test_the_farther_the_table_the_longer_the_way_aside() -> None:
 
 
 @given(st.floats(0.0, 1.3), st.floats(-400.0, 0.0))
-def test_how_far_the_table_is_along_the_axis_of_an_eye_that_leans(lean: float, table_z_mm: float) -> None:
-    eye = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
-    away_mm = moved_pair.distance_mm(eye, table_z_mm)
+def test_how_far_the_table_is_along_the_axis_of_a_camera_that_leans(lean: float, table_z_mm: float) -> None:
+    camera = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
+    away_mm = moved_pair.distance_mm(camera, table_z_mm)
     if np.cos(lean) > 0.2:
-        assert (eye @ [0.0, 0.0, away_mm, 1.0])[2] == pytest.approx(table_z_mm)
-    assert moved_pair.distance_mm(eye, None) == moved_pair.USUAL_DISTANCE_MM
+        assert (camera @ [0.0, 0.0, away_mm, 1.0])[2] == pytest.approx(table_z_mm)
+    assert moved_pair.distance_mm(camera, None) == moved_pair.USUAL_DISTANCE_MM
 
 
 @pytest.mark.parametrize("lean", [1.38, 1.5, np.pi])
-def test_an_eye_that_hardly_looks_down_is_taken_to_be_a_usual_distance_away(lean: float) -> None:
-    eye = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
-    assert moved_pair.distance_mm(eye, -300.0) == moved_pair.USUAL_DISTANCE_MM
+def test_a_camera_that_hardly_looks_down_is_taken_to_be_a_usual_distance_away(lean: float) -> None:
+    camera = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
+    assert moved_pair.distance_mm(camera, -300.0) == moved_pair.USUAL_DISTANCE_MM
 
 
 def test_a_corners_doubt_is_what_arms_that_err_make_of_it() -> None:
@@ -131,7 +131,7 @@ def test_the_arms_error_sideways_moves_what_lies_ahead_in_depth_by_distance_over
     baseline_mm: float, ahead_mm: float
 ) -> None:
     """Both places err by the arm's; where the rays to a point straight ahead then meet follows from similar triangles,
-    and by what turns the right eye about its own y the point moves sideways by its distance."""
+    and by what turns the right camera about its own y the point moves sideways by its distance."""
     both = pair_at(baseline_mm)
     right = both.right.cyclopean_from_camera[:3, 3]
     part: Any = SimpleNamespace(
@@ -170,14 +170,14 @@ def laid(motions: list[Any]) -> tuple[list[Any], list[Any], StereoRig]:
 
 
 def test_a_part_that_is_larger_than_taught_is_put_where_both_pictures_meet() -> None:
-    """0.5 % larger it seems 1.5 mm nearer to each eye by itself, and each puts it beside the other's ray."""
+    """0.5 % larger it seems 1.5 mm nearer to each camera by itself, and each puts it beside the other's ray."""
     both = pair_at(75.0)
-    eyes, part = (both.left, both.right), np.array([0.0, 0.0, 300.0])
-    nearer = [0.005 * (eye.cyclopean_from_camera[:3, 3] - part) for eye in eyes]
+    cameras, part = (both.left, both.right), np.array([0.0, 0.0, 300.0])
+    nearer = [0.005 * (camera.cyclopean_from_camera[:3, 3] - part) for camera in cameras]
     poses, covariances, _ = laid([np.concatenate([shift, np.zeros(3)]) for shift in nearer])
-    pose, covariance = moved_pair.weighed(poses, covariances, eyes, 1e-4 * ARM, 0.005)
+    pose, covariance = moved_pair.weighed(poses, covariances, cameras, 1e-4 * ARM, 0.005)
     assert abs(pose[2, 3] - 300.0) < 0.1
-    arm_pose, with_arm = moved_pair.weighed(poses, covariances, eyes, ARM, 0.005)
+    arm_pose, with_arm = moved_pair.weighed(poses, covariances, cameras, ARM, 0.005)
     assert abs(arm_pose[2, 3] - 300.0) < 3 * np.sqrt(with_arm[2, 2])
     assert with_arm[2, 2] > covariance[2, 2]
 
@@ -185,9 +185,9 @@ def test_a_part_that_is_larger_than_taught_is_put_where_both_pictures_meet() -> 
 def test_pictures_that_disagree_by_more_than_the_arm_may_err_are_trusted_less() -> None:
     poses, covariances, both = laid([np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])])
     agreed, _, _ = laid([np.zeros(6), np.zeros(6)])
-    eyes = both.left, both.right
-    apart = moved_pair.weighed(poses, covariances, eyes, ARM, 0.004)[1]
-    one = moved_pair.weighed(agreed, covariances, eyes, ARM, 0.004)[1]
+    cameras = both.left, both.right
+    apart = moved_pair.weighed(poses, covariances, cameras, ARM, 0.004)[1]
+    one = moved_pair.weighed(agreed, covariances, cameras, ARM, 0.004)[1]
     assert np.trace(apart[:3, :3]) > 10 * np.trace(one[:3, :3])
 
 
@@ -225,15 +225,15 @@ def test_places_are_read_as_they_were_written() -> None:
     places = moved_pair.Places("left", both.left.cyclopean_from_camera, both.right.cyclopean_from_camera, 0.1, 0.02)
     read = moved_pair.places_of(places.json())
     assert read is not None
-    assert (read.eye, read.arm_mm, read.arm_deg) == ("left", 0.1, 0.02)
-    for eye in ("left", "right"):
-        again, written = (getattr(one, eye).cyclopean_from_camera for one in (read.rig(rig()), both))
+    assert (read.camera, read.arm_mm, read.arm_deg) == ("left", 0.1, 0.02)
+    for camera in ("left", "right"):
+        again, written = (getattr(one, camera).cyclopean_from_camera for one in (read.rig(rig()), both))
         assert np.array_equal(again, written)
     assert moved_pair.places_of(None) is None
 
 
 def alone(world: World, settings: Settings | None = None) -> PickCycle:
-    """A cycle with one eye, enabled."""
+    """A cycle with one camera, enabled."""
     cell = build(world)
     object.__setattr__(cell, "alone", "left")
     cycle = PickCycle(cell, settings or Settings(), TruthRecogniser(world))
@@ -247,7 +247,7 @@ def to_the_right_mm(world: World, start: np.ndarray) -> list[float]:
     return [float((place[:3, 3] - start[:3, 3]) @ right) for act, place in world.wire if act == "move"]
 
 
-def test_a_look_with_one_eye_is_two_pictures_and_a_bounded_move_that_is_logged_with_its_places() -> None:
+def test_a_look_with_one_camera_is_two_pictures_and_a_bounded_move_that_is_logged_with_its_places() -> None:
     world = one_part()
     start = world.at.copy()
     look = asyncio.run(alone(world).look())
@@ -261,7 +261,7 @@ def test_a_look_with_one_eye_is_two_pictures_and_a_bounded_move_that_is_logged_w
     assert look.pictures.left.taken_s != look.pictures.right.taken_s
 
 
-def test_with_one_eye_nothing_moves_for_a_look_before_the_arm_is_enabled() -> None:
+def test_with_one_camera_nothing_moves_for_a_look_before_the_arm_is_enabled() -> None:
     world = one_part()
     cycle = alone(world)
     asyncio.run(cycle.supervisor.disable())
@@ -281,7 +281,7 @@ def test_where_the_arm_cannot_go_beside_it_is_said_and_is_no_fault() -> None:
     assert cycle.supervisor.fault is None
 
 
-def test_with_dry_on_a_look_with_one_eye_is_refused() -> None:
+def test_with_dry_on_a_look_with_one_camera_is_refused() -> None:
     cycle = alone(one_part())
     cycle.supervisor.dry(True)
     with pytest.raises(RefusedError, match="dry"):

@@ -66,7 +66,7 @@ def stranger(of: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = 
     return PartHypothesis(UNKNOWN, flat, np.eye(4), np.zeros((6, 6)), tuple(range(len(seen))), share)
 
 
-def eye(heading_deg: float, up_deg: float = 45.0) -> Array:
+def camera(heading_deg: float, up_deg: float = 45.0) -> Array:
     h, u = np.radians([heading_deg, up_deg])
     return AT + 340.0 * np.array([np.cos(u) * np.cos(h), np.cos(u) * np.sin(h), np.sin(u)])
 
@@ -135,18 +135,21 @@ def test_a_look_that_missed_what_all_would_surely_have_shown_speaks_against_none
 
 def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
     look = outlook(TWINS, rig())
-    eyes = np.array([eye(-90), eye(0), eye(135)])
-    gains = {g.place: g.bits for g in ranked(look, shown(look, AT, eyes), [1.0] * 3)}
+    cameras = np.array([camera(-90), camera(0), camera(135)])
+    gains = {g.place: g.bits for g in ranked(look, shown(look, AT, cameras), [1.0] * 3)}
     assert gains[2] > 0.8
     assert gains[0] < gains[2], "the tops differ as well, by a corner"
-    low = ranked(look, shown(look, AT, np.array([eye(-90, 2.0)])), [1.0])
+    low = ranked(look, shown(look, AT, np.array([camera(-90, 2.0)])), [1.0])
     assert low[0].bits == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> None:
     look = outlook(TWINS, rig())
-    eyes, wall = np.array([eye(135)]), AT + np.array([[-80.0, 30, -60], [20, 130, -60], [20, 130, 200], [-80, 30, 200]])
-    free, hidden = (ranked(look, shown(look, AT, eyes, beside), [1.0])[0].bits for beside in ((), (wall,)))
+    cameras, wall = (
+        np.array([camera(135)]),
+        AT + np.array([[-80.0, 30, -60], [20, 130, -60], [20, 130, 200], [-80, 30, 200]]),
+    )
+    free, hidden = (ranked(look, shown(look, AT, cameras, beside), [1.0])[0].bits for beside in ((), (wall,)))
     assert hidden < free
 
 
@@ -154,30 +157,30 @@ def test_only_something_not_taught_is_expected_to_show_what_nothing_taught_would
     """Otherwise a look that finds a facet that nobody expected would speak for the wrong one of the two."""
     look = outlook((hypothesis("block", block(), turned(0), 0.5), stranger(block(), turned(0), 0.5)), rig())
     strange = [h.label for h in look.hypotheses].index(UNKNOWN)
-    (aside,) = shown(look, AT, np.array([eye(135)]))[..., -1]
+    (aside,) = shown(look, AT, np.array([camera(135)]))[..., -1]
     assert aside[strange] > 0.5
     assert aside[1 - strange] == 0.0
-    (as_before,) = shown(look, AT, np.array([eye(-90, 2.0)]))[..., -1]
+    (as_before,) = shown(look, AT, np.array([camera(-90, 2.0)]))[..., -1]
     assert (as_before == 0.0).all(), "from there nothing taught would show anything new"
 
 
 def test_the_same_gain_in_less_time_comes_first() -> None:
-    eyes = np.array([eye(135), eye(134)])
-    order = next_best(TWINS, rig(), AT, eyes, [5.0, 1.0], np.array([eye(-90)]))
+    cameras = np.array([camera(135), camera(134)])
+    order = next_best(TWINS, rig(), AT, cameras, [5.0, 1.0], np.array([camera(-90)]))
     assert order[0].place == 1
 
 
 def test_a_look_that_should_have_shown_a_difference_and_did_not_makes_it_less_worth_to_look_again() -> None:
-    eyes = np.array([eye(135)])
-    unseen = next_best(TWINS, rig(), AT, eyes, [1.0], np.array([eye(-90, 2.0)]))[0].bits
-    seen = next_best(TWINS, rig(), AT, eyes, [1.0], np.array([eye(-90, 2.0), eye(135)]))[0].bits
+    cameras = np.array([camera(135)])
+    unseen = next_best(TWINS, rig(), AT, cameras, [1.0], np.array([camera(-90, 2.0)]))[0].bits
+    seen = next_best(TWINS, rig(), AT, cameras, [1.0], np.array([camera(-90, 2.0), camera(135)]))[0].bits
     assert seen < unseen
 
 
 def test_where_nothing_is_to_be_settled_the_farthest_from_all_looks_comes_first() -> None:
-    eyes = np.array([eye(0), eye(90), eye(180)])
-    assert freshest(AT, eyes, [eye(10)])[0] == 2
-    order = next_best([stranger(block(), turned(0), 1.0)], rig(), AT, eyes, [1.0] * 3, np.array([eye(10)]))
+    cameras = np.array([camera(0), camera(90), camera(180)])
+    assert freshest(AT, cameras, [camera(10)])[0] == 2
+    order = next_best([stranger(block(), turned(0), 1.0)], rig(), AT, cameras, [1.0] * 3, np.array([camera(10)]))
     assert [g.place for g in order] == [2, 1, 0]
 
 

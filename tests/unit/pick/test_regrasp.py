@@ -112,11 +112,11 @@ def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_
     looks = np.stack([*looks_round(way.goal.centre, SETTINGS, ON_HAND)])
     allowed = reach.allows_each(looks)
     assert 0 < allowed.sum() < len(looks)
-    eye = ON_HAND.world_from_cyclopean_at(way.look)[:3, 3]
+    camera = ON_HAND.world_from_cyclopean_at(way.look)[:3, 3]
     assert reach.allows(way.look)
     for look in looks[allowed]:
         other = ON_HAND.world_from_cyclopean_at(look)[:3, 3]
-        assert view_worth(shape, way.pose, eye) >= view_worth(shape, way.pose, other)
+        assert view_worth(shape, way.pose, camera) >= view_worth(shape, way.pose, other)
 
 
 def shown(shape, x_mm, z_mm, turned=(0.0, 0.0, 0.0)):
@@ -161,11 +161,11 @@ def test_a_place_that_the_arm_does_not_get_to_is_told_as_one_where_no_grasp_sets
 def test_nothing_is_laid_where_no_look_has_shown_the_table(reach, monkeypatch):
     a, _, asked, steps = over_plan(reach)
     laid = steps[0].way.goal.centre[:2]
-    eyes = (np.array([300.0, -30.0, 200.0]), np.array([300.0, 30.0, 200.0]))
+    cameras = (np.array([300.0, -30.0, 200.0]), np.array([300.0, 30.0, 200.0]))
     shown = {"none": lambda point: False, "the other half": lambda point: point[1] > laid[1] + 40.0}
     for name, in_view in shown.items():
         monkeypatch.setattr(regrasp, "in_both_images", lambda look, point, view=in_view: view(point))
-        look = SimpleNamespace(eyes=eyes)
+        look = SimpleNamespace(viewpoints=cameras)
         other = Regrasping(asked.shape, asked.destination, SETTINGS, ON_HAND, reach.allows_each, rig(), (), (look,))
         found = other.plan(start_on(asked.shape, a))
         if name == "none":

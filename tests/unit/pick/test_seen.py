@@ -64,13 +64,13 @@ def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> Non
 
 def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behind() -> None:
     facing = Facing(np.zeros(3), np.array([0, 0, 1.0]))
-    eyes = [np.array([np.sin(a), 0, np.cos(a)]) * 300 for a in np.radians([0, 30, 60, 80, 180])]
-    told = [seen_again([facing], eye) for eye in eyes]
+    cameras = [np.array([np.sin(a), 0, np.cos(a)]) * 300 for a in np.radians([0, 30, 60, 80, 180])]
+    told = [seen_again([facing], camera) for camera in cameras]
     assert told[0] == pytest.approx(1.0)
     assert told == sorted(told, reverse=True)
     assert told[3:] == [0.0, 0.0]
-    assert seen_again([], eyes[0]) == 0.0
-    assert seen_again([facing, Facing(np.zeros(3), np.array([0, 0, -1.0]))], eyes[0]) == pytest.approx(0.5)
+    assert seen_again([], cameras[0]) == 0.0
+    assert seen_again([facing, Facing(np.zeros(3), np.array([0, 0, -1.0]))], cameras[0]) == pytest.approx(0.5)
 
 
 def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:

@@ -88,7 +88,7 @@ def test_a_point_is_hidden_by_what_is_as_high_as_its_ray_on_the_way_to_the_camer
 
 
 @given(st.tuples(AMONG, AMONG, AMONG), st.tuples(AMONG, AMONG, st.floats(1.5, 90.0)), st.floats(2.0, 40.0), AMONG)
-def test_a_point_is_hidden_where_its_ray_to_the_eye_crosses_what_lies_beside(point, up, radius, top):
+def test_a_point_is_hidden_where_its_ray_to_the_camera_crosses_what_lies_beside(point, up, radius, top):
     beside = Beside(np.array([[5.0, -10.0]]), np.array([radius]), np.array([top]))
     start, ray = np.array(point), np.array(up)
     along = start + np.linspace(0.0, 1.0, 400)[:, None] * ray
@@ -141,9 +141,9 @@ def test_the_hand_is_as_near_as_its_capsules_are():
 
 
 def test_what_a_part_hides_is_not_seen_to_be_free():
-    beside, eye = beside_of([block(520.0, 0.0)]), np.array([300.0, 0.0, 0.0])
+    beside, camera = beside_of([block(520.0, 0.0)]), np.array([300.0, 0.0, 0.0])
     behind, before = np.array([[590.0, 0.0, TABLE_MM]]), np.array([[440.0, 0.0, TABLE_MM]])
-    assert beside.hides(behind, eye)
-    assert not beside.hides(before, eye)
+    assert beside.hides(behind, camera)
+    assert not beside.hides(before, camera)
     assert not beside.hides(behind, np.array([590.0, 0.0, 200.0])), "from above"
-    assert not beside_of([]).hides(behind, eye)
+    assert not beside_of([]).hides(behind, camera)

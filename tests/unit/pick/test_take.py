@@ -252,14 +252,14 @@ def test_an_arm_that_somebody_moved_from_above_the_bin_opens_no_gripper():
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
-    grab = context.cell.eyes.grab
+    grab = context.cell.cameras.grab
 
     async def moved_as_it_looks(*how):
         if np.allclose(fake.at, context.settings.bin.pose(), atol=0.1):
             fake.at = frames.perturb(fake.at, np.array([0.0, 30.0, 0.0, 0.0, 0.0, 0.0]))
         return await grab(*how)
 
-    context.cell.eyes.grab = moved_as_it_looks
+    context.cell.cameras.grab = moved_as_it_looks
     with pytest.raises(MovedByOthersError, match="the gripper is to open above the bin"):
         step(context, world, PickState.BIN)
     assert fake.closed
@@ -289,7 +289,7 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
-    context.cell.eyes.shaking = 10_000
+    context.cell.cameras.shaking = 10_000
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert released_as(fake) == [("cube", "unclear", "unclear")]
     assert world.result.outcome == "released"
@@ -298,9 +298,9 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
 def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
     fake = one_part()
     context, world = begun(fake)
-    grabs = context.cell.eyes.grabs
+    grabs = context.cell.cameras.grabs
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
-    assert context.cell.eyes.grabs == grabs
+    assert context.cell.cameras.grabs == grabs
     assert not fake.said("release")
 
 

@@ -70,7 +70,7 @@ def test_what_was_held_back_as_it_was_typed_is_shown_so_and_was_not_carried_out(
     assert shown[1] == "move withdrawn before it was sent"
 
 
-def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_changed(made: MadeRun) -> None:
+def test_the_page_tells_which_picks_were_made_with_which_cameras_and_when_that_changed(made: MadeRun) -> None:
     made.pick()
     made.write("eyes", alone="left", why="right eye: frozen")
     made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}

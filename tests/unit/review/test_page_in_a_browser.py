@@ -76,7 +76,7 @@ def test_events_are_filtered_by_their_kind_and_lead_to_their_cycle(browser: Any,
     assert browser.get_log("browser") == []
 
 
-def test_what_an_unnamed_part_came_nearest_to_is_drawn_into_both_eyes(browser: Any, tmp_path: Path) -> None:
+def test_what_an_unnamed_part_came_nearest_to_is_drawn_into_both_cameras(browser: Any, tmp_path: Path) -> None:
     edges = np.array([[[10.0, 20], [60, 20]], [[60, 20], [60, 70]]])
     shows = np.array([True, False])
     guess = NearestGuess("cube", edges, edges + np.array([5.0, 0]), shows, shows)

@@ -309,7 +309,7 @@ def test_why_a_part_was_not_picked_is_asked_with_all_the_other_cycles(
     assert asked == [(first, []), (second, [first])], "what was picked needs no reason"
 
 
-def test_after_a_calibration_the_eyes_usual_place_is_another(made: MadeRun) -> None:
+def test_after_a_calibration_the_cameras_usual_place_is_another(made: MadeRun) -> None:
     def looks(count: int, deg: float) -> None:
         for _ in range(count):
             made.look("survey", vergence_deg=deg, vergence_sigma_deg=0.01)

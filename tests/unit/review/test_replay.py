@@ -186,7 +186,7 @@ def test_without_a_calibration_a_run_is_replayed_only_with_another(tmp_path: Pat
     assert len(list(replayed_looks(folder, run, LIBRARY, other))) == 1
 
 
-def test_a_pair_of_one_eye_is_seen_with_the_arms_errors_and_one_of_two_is_not(
+def test_a_pair_of_one_camera_is_seen_with_the_arms_errors_and_one_of_two_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     added: list[Any] = []

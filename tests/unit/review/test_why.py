@@ -113,14 +113,14 @@ def nameless(cause: str) -> Callable[[MadeRun], None]:
     return plant
 
 
-def eyes_do_not_meet(made: MadeRun) -> None:
+def cameras_do_not_meet(made: MadeRun) -> None:
     begin(made)
     for stop in (2, 3):
         made.look("approach", stop=stop, notes=[UNMATCHED])
     end(made, "lost", "cube: not seen where it was at look 1")
 
 
-def eyes_never_meet(made: MadeRun) -> None:
+def cameras_never_meet(made: MadeRun) -> None:
     made.cycle += 1
     made.write("cycle_start", cycle=made.cycle, target=None)
     for _ in range(3):
@@ -147,7 +147,9 @@ def blurred(made: MadeRun) -> None:
     """Seen, named, and measured badly."""
     made.cycle += 1
     made.write("cycle_start", cycle=made.cycle, target="cube")
-    blur = {f"focus {eye}": f"{eye}: out of focus: clean it (focus 3.4 px, limit 1.5)" for eye in ("left", "right")}
+    blur = {
+        f"focus {camera}": f"{camera}: out of focus: clean it (focus 3.4 px, limit 1.5)" for camera in ("left", "right")
+    }
     smear = {"motion left": "left: blurred by motion: settle (motion 7.2 px, limit 6)"}
     for stop in (1, 2):
         made.look("approach", part("cube"), stop=stop, findings=smear | blur)
@@ -337,8 +339,8 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
         fault("VisionError: pair: a camera was knocked: fasten it (knocked 9.1 px, limit 3.5)"),
     ),
     "camera drifts": ("camera knocked", fault("calibration: right camera pitched by +0.21 degrees against the left")),
-    "camera knocked in mid-approach": ("camera knocked", eyes_do_not_meet),
-    "camera knocked before the first look": ("camera knocked", eyes_never_meet),
+    "camera knocked in mid-approach": ("camera knocked", cameras_do_not_meet),
+    "camera knocked before the first look": ("camera knocked", cameras_never_meet),
     "camera suspect": ("camera knocked", suspect("camera")),
     "hand-eye knocked": ("hand-eye", suspect("hand-eye")),
     "hand-eye knocked, several tries": ("hand-eye", disagreeing_again),

@@ -1,4 +1,5 @@
-"""An eye that has moved: told with every look, and the end of picking by itself; what an operator asks for goes on."""
+"""A camera that has moved: told with every look, and the end of picking by itself; what an operator asks for goes
+on."""
 
 from __future__ import annotations
 

@@ -424,7 +424,7 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
 
 
 def test_a_resume_that_was_typed_before_the_pause_of_somebody_else_could_be_read_lets_nothing_go(story: Story) -> None:
-    """It was for a pause of before: the arm set out before the eyes of whoever had just had it held."""
+    """It was for a pause of before: the arm set out before the cameras of whoever had just had it held."""
     for text in ("pause", "go bin"):
         story.sockets[0].say(text)
         story.wait(2.0)
@@ -539,7 +539,7 @@ def test_an_arm_that_a_pendant_turned_over_waits_also_where_somebody_else_has_ty
     assert story.violations() == ()
 
 
-def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_eye(story: Story) -> None:
+def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_camera(story: Story) -> None:
     """Asked to look where it had been stopped, 6 mm above the table, it went 40 mm aside through them, and back."""
     story.sockets[0].say("go survey")
     story.wait(6.0)
@@ -854,7 +854,7 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
 
 
 def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody_else(story: Story) -> None:
-    """It set out before the eyes of whoever was reading the question whether it may."""
+    """It set out before the cameras of whoever was reading the question whether it may."""
     story.sockets[0].say("step on")
     story.wait(0.3)
     story.sockets[0].say("go bin")

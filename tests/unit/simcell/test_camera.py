@@ -92,7 +92,7 @@ def test_noise_is_about_two_grey_levels_and_new_in_every_frame() -> None:
     assert 1.5 < difference.std() / np.sqrt(2) < 2.5
 
 
-def test_the_right_eye_sees_a_little_less_light() -> None:
+def test_the_right_camera_sees_a_little_less_light() -> None:
     got = pair_of()[0].grab(100.0, 1.0)
     left, right = got.left.pixels.astype(float).mean(), got.right.pixels.astype(float).mean()
     assert 0.93 < right / left < 0.99
@@ -106,7 +106,7 @@ def test_a_moving_camera_smears_its_frames() -> None:
     assert sharpness(500.0) < 0.5 * sharpness(0.0)
 
 
-def test_a_covered_eye_is_dark_until_it_is_uncovered() -> None:
+def test_a_covered_camera_is_dark_until_it_is_uncovered() -> None:
     pair, clock = pair_of()
     pair.cover("left")
     got = pair.grab(clock(), 1.0)
@@ -116,7 +116,7 @@ def test_a_covered_eye_is_dark_until_it_is_uncovered() -> None:
     assert pair.grab(clock(), 1.0).left.pixels.mean() > 30
 
 
-def test_a_knocked_eye_sees_everything_shifted_by_the_angle() -> None:
+def test_a_knocked_camera_sees_everything_shifted_by_the_angle() -> None:
     pair, clock = pair_of()
     before = pair.grab(clock(), 1.0)
     pair.displace("right", [0.2, 0.0, 0.0])
@@ -187,14 +187,14 @@ def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_h
             before = pictures[0]
 
 
-def test_a_longer_exposure_gathers_as_much_more_light_in_that_eye_within_what_a_shutter_can() -> None:
+def test_a_longer_exposure_gathers_as_much_more_light_in_that_camera_within_what_a_shutter_can() -> None:
     pair, _ = pair_of()
     before = pair.grab(100.0, 1.0)
     assert pair.expose(0.5, 2.0) == (0.5, 2.0)
     after = pair.grab(100.2, 1.0)
     unlit = 4.0  # what the sensor shows without light
-    for eye, factor in (("left", 0.5), ("right", 2.0)):
-        was, now = (np.median(getattr(got, eye).pixels.astype(float)) - unlit for got in (before, after))
+    for camera, factor in (("left", 0.5), ("right", 2.0)):
+        was, now = (np.median(getattr(got, camera).pixels.astype(float)) - unlit for got in (before, after))
         assert now / was == pytest.approx(factor, rel=0.08)
     assert pair.expose(1e-9, 1.0)[0] == pytest.approx(1 / 32)
 
@@ -218,7 +218,7 @@ def test_a_rolling_shutter_shears_what_moves_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("how", ["away", "frozen", "half"])
-def test_an_eye_fails_as_it_is_told_and_is_well_again(how: str) -> None:
+def test_a_camera_fails_as_it_is_told_and_is_well_again(how: str) -> None:
     pair, clock = pair_of()
     pair.grab(0.0, 1.0)
     pair.set_fault("right", how)  # type: ignore[arg-type]

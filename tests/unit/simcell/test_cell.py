@@ -92,8 +92,8 @@ def test_the_camera_shows_the_part_where_the_cameras_true_pose_says(cell: Simula
     drive(cell, above(560.0, 0.0, 0.0))
     pair = cell.camera.grab(time.monotonic(), 2.0)
     seen = apply(inverse(cell.world_from_cyclopean()), cell.truth.corners(part.name))
-    for eye, frame in ((cell.truth.settings.left, pair.left), (cell.truth.settings.right, pair.right)):
-        outline = eye.lens().project(seen)
+    for camera, frame in ((cell.truth.settings.left, pair.left), (cell.truth.settings.right, pair.right)):
+        outline = camera.lens().project(seen)
         bright = np.argwhere(frame.pixels > 140)[:, ::-1]
         assert len(bright) > 500
         assert np.all(bright.min(axis=0) > outline.min(axis=0) - 2)
@@ -121,8 +121,8 @@ def test_what_the_daemon_believes_is_off_by_realistic_errors(cell: SimulatedCell
     angle_deg = np.degrees(np.arccos((np.trace(wrist[:3, :3]) - 1) / 2))
     assert 0.2 < np.linalg.norm(wrist[:3, 3]) < 0.4
     assert 0.03 < angle_deg < 0.07
-    for eye in ("left", "right"):
-        off_px = np.abs(np.array(believed[eye]["camera_matrix"]) - np.array(getattr(truth, eye).camera_matrix))
+    for camera in ("left", "right"):
+        off_px = np.abs(np.array(believed[camera]["camera_matrix"]) - np.array(getattr(truth, camera).camera_matrix))
         assert 0.1 < off_px.max() < 0.5
 
 

@@ -1,4 +1,4 @@
-"""The lens of the simulated eyes."""
+"""The lens of the simulated cameras."""
 
 from __future__ import annotations
 

@@ -42,23 +42,23 @@ def edge_offsets(image: Array32, line_px: Array, half_px: float = 4.0) -> Array:
 def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_them(
     label: str, stand_off_mm: float
 ) -> None:
-    shape, eye = part_shape(label), TRUTH.left.lens()
+    shape, camera = part_shape(label), TRUTH.left.lens()
     rest = rigid(turn([0, 0, 1], 0.3), [520.0, 0.0, -300.0]) @ shape.rests[0]
     pose = looking([520 - 0.6 * stand_off_mm, -0.3 * stand_off_mm, -280 + 0.742 * stand_off_mm], [520, 0, -280], 0.2)
-    image = picture([RenderedSolid(shape.hull, rest, STARK.facet_albedo)], pose, eye)
+    image = picture([RenderedSolid(shape.hull, rest, STARK.facet_albedo)], pose, camera)
     corners = apply(rest, shape.hull.vertices)
-    to_eye = pose[:3, 3] - corners.mean(axis=0)
+    to_camera = pose[:3, 3] - corners.mean(axis=0)
     normals = shape.hull.normals @ rest[:3, :3].T
     sides = {
         tuple(sorted(pair))
         for face, normal in zip(shape.hull.faces, normals, strict=True)
-        if normal @ to_eye > 0.3 * np.linalg.norm(to_eye)
+        if normal @ to_camera > 0.3 * np.linalg.norm(to_camera)
         for pair in zip(face, (*face[1:], face[0]), strict=True)
     }
     offsets = []
     for a, b in sides:
         share = np.linspace(0.2, 0.8, 120)[:, None]
-        found = edge_offsets(image, projected(eye, pose, corners[a] * (1 - share) + corners[b] * share))
+        found = edge_offsets(image, projected(camera, pose, corners[a] * (1 - share) + corners[b] * share))
         if len(found) == 120:
             offsets.append(found.mean())
             assert np.sqrt(np.mean(found**2)) < 0.06
@@ -67,13 +67,13 @@ def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_t
 
 
 def test_a_nearer_part_hides_a_farther_one() -> None:
-    cube, eye = part_shape("cube"), TRUTH.left.lens()
+    cube, camera = part_shape("cube"), TRUTH.left.lens()
     front = RenderedSolid(cube.hull, rigid(np.eye(3), [480.0, 0.0, -275.0]), 0.8)
     back = RenderedSolid(cube.hull, rigid(np.eye(3), [560.0, 0.0, -275.0]), 0.2)
     pose = looking([150.0, 0.0, -220.0], [520.0, 0.0, -280.0])
-    both, alone = picture([front, back], pose, eye), picture([front], pose, eye)
-    assert np.allclose(both, picture([back, front], pose, eye)), "whichever is named first"
-    middle = np.round(projected(eye, pose, np.array([[455.0, 0.0, -265.0]]))[0]).astype(int)
+    both, alone = picture([front, back], pose, camera), picture([front], pose, camera)
+    assert np.allclose(both, picture([back, front], pose, camera)), "whichever is named first"
+    middle = np.round(projected(camera, pose, np.array([[455.0, 0.0, -265.0]]))[0]).astype(int)
     patch = np.s_[middle[1] - 5 : middle[1] + 5, middle[0] - 5 : middle[0] + 5]
     assert np.allclose(both[patch], alone[patch])
     assert not np.allclose(both, alone)

@@ -33,13 +33,13 @@ def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> 
 
 
 def test_a_tall_part_throws_its_shadow_onto_its_neighbour_and_only_where_the_lamp_is_hidden() -> None:
-    eye, pose = TRUTH.left.lens(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
+    camera, pose = TRUTH.left.lens(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
     low = RenderedSolid(part_shape("cube").hull, rigid(np.eye(3), [530.0, 60.0, -275.0]), 0.8)
     tall = RenderedSolid(part_shape("triangular_prism").hull, rigid(np.eye(3), [500.0, 5.0, -265.0]), 0.8)
-    alone, shaded = picture([low], pose, eye), picture([low, tall], pose, eye)
+    alone, shaded = picture([low], pose, camera), picture([low, tall], pose, camera)
 
     def lost(x_mm: float, y_mm: float) -> float:
-        u, v = np.round(projected(eye, pose, np.array([[x_mm, y_mm, -250.0]]))[0]).astype(int)
+        u, v = np.round(projected(camera, pose, np.array([[x_mm, y_mm, -250.0]]))[0]).astype(int)
         return float((alone - shaded)[v, u] / alone[v, u])
 
     assert lost(508.0, 37.0) > 0.3, "the corner of the top that lies behind the tall part as the lamp sees it"

@@ -68,7 +68,7 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
 
 
 def test_a_side_that_meets_none_of_the_others_is_told_from_what_lies_elsewhere(trainer: Trainer) -> None:
-    """A bracket shown alone: its third side, whose edge no eye saw, was told to be something else's, and nobody was
+    """A bracket shown alone: its third side, whose edge no camera saw, was told to be something else's, and nobody was
     told what to do about it."""
     view = imagined_view(box(50, 60, 70), np.array([1.0, 1.0, 1.0]) / np.sqrt(3), trainer.rig)
     assert view is not None

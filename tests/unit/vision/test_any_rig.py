@@ -46,8 +46,8 @@ def moved_anywhere(rng: np.random.Generator) -> StereoRig:
     turn = frames.rotation_from_vector(np.radians(rng.uniform(0, 25)) * axis / np.linalg.norm(axis))
     half = np.array([rng.uniform(5, 75), 0.0, 0.0])
     left, right = frames.rigid(first, -half), frames.rigid(first @ turn, half)
-    eyes = [replace(own.left, cyclopean_from_camera=place) for place in (left, right)]
-    return StereoRig(eyes[0], eyes[1], own.image_size)
+    images = [replace(own.left, cyclopean_from_camera=place) for place in (left, right)]
+    return StereoRig(images[0], images[1], own.image_size)
 
 
 def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:

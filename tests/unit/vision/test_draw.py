@@ -12,7 +12,7 @@ ACROSS, DOWN = [[20.0, 30.0], [120.0, 30.0]], [[120.0, 30.0], [120.0, 90.0]]
 
 
 def along(picture: np.ndarray, ends: list[list[float]], colour: tuple[int, int, int]) -> float:
-    """The share of a line that has a colour; ends in px of the left eye."""
+    """The share of a line that has a colour; ends in px of the left camera."""
     places = np.linspace(ends[0], ends[1], 200) * SCALE + [0, MARGIN + 8]
     return float(np.mean([np.abs(picture[int(y), int(x)].astype(int) - colour).max() < 60 for x, y in places]))
 
@@ -32,7 +32,7 @@ def test_edges_for_a_guess_are_drawn_through_and_edges_against_it_dashed() -> No
     assert drawn.shape[0] > plain.shape[0]  # the line below that says so
 
 
-def test_the_share_that_shows_is_by_length_over_both_eyes() -> None:
+def test_the_share_that_shows_is_by_length_over_both_cameras() -> None:
     edges = np.array([ACROSS, DOWN])  # 100 px and 60 px
     guess = NearestGuess("cube", edges, edges[:1], np.array([False, True]), np.array([True]))
     assert guess.share == 160 / 260

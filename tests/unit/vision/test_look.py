@@ -74,8 +74,8 @@ only calls are alike everywhere."""
 
 @pytest.mark.parametrize("name", MOST_CALLS)
 def test_a_look_at_a_lone_part_makes_no_more_calls_than_it_did(model: Model, name: str) -> None:
-    pair, eyes, calls = rendered.pair(rendered.HERE / name), rendered.rig(rendered.HERE, "B"), 0
-    assert [p.named for p in look(*pair, eyes, model).parts] == [True]
+    pair, images, calls = rendered.pair(rendered.HERE / name), rendered.rig(rendered.HERE, "B"), 0
+    assert [p.named for p in look(*pair, images, model).parts] == [True]
 
     def count(_frame: object, event: str, _argument: object) -> None:
         nonlocal calls
@@ -84,7 +84,7 @@ def test_a_look_at_a_lone_part_makes_no_more_calls_than_it_did(model: Model, nam
     before = sys.getprofile()
     sys.setprofile(count)
     try:
-        look(*pair, eyes, model)
+        look(*pair, images, model)
     finally:
         sys.setprofile(before)
     assert calls < MOST_CALLS[name]
@@ -183,12 +183,12 @@ def test_swapped_and_mirrored_images_of_a_mirrored_rig_give_the_same_names(model
     straight = rig()
     px = straight.image_size[0] - 1
     mirror = np.diag([-1.0, 1, 1, 1])
-    eyes = []
-    for eye in (straight.right, straight.left):
-        matrix, distortion = eye.matrix.copy(), eye.distortion.copy()
+    images = []
+    for camera in (straight.right, straight.left):
+        matrix, distortion = camera.matrix.copy(), camera.distortion.copy()
         matrix[0, 2], distortion[3] = px - matrix[0, 2], -distortion[3]
-        eyes.append(type(eye)(matrix, distortion, mirror @ eye.cyclopean_from_camera @ mirror))
-    mirrored = type(straight)(eyes[0], eyes[1], straight.image_size)
+        images.append(type(camera)(matrix, distortion, mirror @ camera.cyclopean_from_camera @ mirror))
+    mirrored = type(straight)(images[0], images[1], straight.image_size)
     one = look(left, right, straight, model)
     other = look(np.fliplr(right).copy(), np.fliplr(left).copy(), mirrored, model)
     assert [p.recognition.label for p in other.parts] == [p.recognition.label for p in one.parts]
@@ -199,7 +199,7 @@ def test_swapped_and_mirrored_images_of_a_mirrored_rig_give_the_same_names(model
     assert apart_mm.max() < 0.5, "a facet seen edge-on may show in one only; what both show lies in one place"
 
 
-def test_the_drawing_shows_both_eyes_and_says_what_was_seen(model: Model) -> None:
+def test_the_drawing_shows_both_cameras_and_says_what_was_seen(model: Model) -> None:
     left, right = painted(CUBE, (1.0, 0.1, 0.8))
     scene = look(left, right, rig(), model)
     picture = draw_scene(left, right, scene)

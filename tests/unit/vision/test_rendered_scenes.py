@@ -52,7 +52,7 @@ def test_a_cylinder_does_no_harm() -> None:
 
 
 def test_sides_that_come_to_lie_together_once_the_corners_are_settled_are_one() -> None:
-    """One end of the edge in the shadow was 4 px off in one eye: the prism was taught with two corners for one."""
+    """One end of the edge in the shadow was 4 px off in one camera: the prism was taught with two corners for one."""
     view, truth = load("train-B-003")
     (prism,) = (g for g in view.groups if len(g.facets) > 1)
     solid = prism.polyhedron

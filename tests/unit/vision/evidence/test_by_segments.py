@@ -52,7 +52,7 @@ def model() -> Model:
 
 
 @cache
-def eyes_on(name: str | None, seed: int = 0) -> StereoImages:
+def images_of(name: str | None, seed: int = 0) -> StereoImages:
     body = None if name is None else {**KNOWN, **STRANGERS}[name]
     return open_stereo(*print_pair(body, WHERE, seed), straight_rig())
 
@@ -64,7 +64,7 @@ def unnamed(group: Group) -> Recognised:
 
 @pytest.mark.parametrize("label", sorted(KNOWN))
 def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> None:
-    (found,) = named_by_edges(eyes_on(label), model(), []).named
+    (found,) = named_by_edges(images_of(label), model(), []).named
     assert found.label == label
     corners = frames.apply(WHERE, KNOWN[label].corners_mm)
     seen = np.concatenate(found.part.fitted_mm)
@@ -76,20 +76,20 @@ def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> 
 
 @pytest.mark.parametrize("name", sorted(STRANGERS))
 def test_a_printed_stranger_is_not_named(name: str) -> None:
-    assert named_by_edges(eyes_on(name), model(), []).named == []
+    assert named_by_edges(images_of(name), model(), []).named == []
 
 
 def test_a_patterned_table_alone_is_nothing() -> None:
-    assert named_by_edges(eyes_on(None), model(), []).named == []
+    assert named_by_edges(images_of(None), model(), []).named == []
 
 
 def test_where_a_part_was_named_nothing_is_looked_for() -> None:
-    known = named_by_edges(eyes_on("cube"), model(), []).named
-    assert named_by_edges(eyes_on("cube"), model(), known).named == []
+    known = named_by_edges(images_of("cube"), model(), []).named
+    assert named_by_edges(images_of("cube"), model(), known).named == []
 
 
 def _in_both(facet):
-    px = [eye.project(facet.corners_mm) for eye in (straight_rig().left, straight_rig().right)]
+    px = [camera.project(facet.corners_mm) for camera in (straight_rig().left, straight_rig().right)]
     return replace(measured(facet.corners_mm, None), left_px=px[0], right_px=px[1])
 
 
@@ -100,8 +100,8 @@ def all_laid(name: str) -> tuple[RegisteredPart, ...]:
 
 
 def scene(name: str, groups: Sequence[Group] = ()) -> Search:
-    eyes = eyes_on(name)
-    return Search(eyes, model(), groups, (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
+    images = images_of(name)
+    return Search(images, model(), groups, (), (edge_distances(images.left), edge_distances(images.right)), None)
 
 
 def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tests: int = 1000) -> float:
@@ -118,7 +118,7 @@ def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tests: int = 1
 )
 def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int, told: str) -> None:
     spent = chain(repeat(0.0, looks_at_the_clock), repeat(1.5))
-    straight = named_by_edges(eyes_on("cube"), model(), [], lambda: next(spent))
+    straight = named_by_edges(images_of("cube"), model(), [], lambda: next(spent))
     assert told in "; ".join(straight.left_out)
     assert straight.named == []
 
@@ -126,7 +126,7 @@ def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int,
 def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "FEWEST_LAID", 2)
     spent = chain(repeat(0.0, 2), repeat(0.7))
-    straight = named_by_edges(eyes_on("cube"), model(), [], lambda: next(spent))
+    straight = named_by_edges(images_of("cube"), model(), [], lambda: next(spent))
     assert len(straight.left_out) == 1
     assert straight.left_out[0].endswith("guesses were not compared with the pictures")
     assert [one.label for one in straight.named] == ["cube"]
@@ -140,7 +140,7 @@ def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it
     fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=EdgeEvidence(99.0, 1.0))
     for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
         monkeypatch.setattr(by_edges, "registered_near", lambda *_, others=others: iter(others))
-        assert [one.label for one in named_by_edges(eyes_on("cube"), model(), []).named] == names
+        assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == names
 
 
 def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_is_there(
@@ -153,7 +153,7 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
     for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
         laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
         monkeypatch.setattr(by_edges, "registered_near", lambda *_, laid=laid: iter(laid))
-        assert [one.label for one in named_by_edges(eyes_on("cube"), model(), []).named] == names
+        assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == names
 
 
 def less(seen: EdgeSamples) -> EdgeSamples:
@@ -178,7 +178,7 @@ def test_a_part_that_is_sure_beyond_all_digits_is_named(monkeypatch: pytest.Monk
     sure = replace(good, borne=EdgeEvidence(400.0, 1.0))
     assert confidence(sure) == 1.0
     monkeypatch.setattr(by_edges, "registered_near", lambda *_: iter([sure]))
-    assert [one.label for one in named_by_edges(eyes_on("cube"), model(), []).named] == [sure.label]
+    assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == [sure.label]
 
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
@@ -197,19 +197,19 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
     monkeypatch.setattr(by_edges, "_proven", lambda _, registered, tests, spent: asked.append(tests) or ([], [], ()))
     two = replace(model(), views=tuple(view for view in model().views if view.label in ("cube", "pyramid")))
     for taught in (model(), two):
-        named_by_edges(eyes_on("cube"), taught, [])
+        named_by_edges(images_of("cube"), taught, [])
     assert asked == [FEWEST_TESTS * 4] * 2 + [FEWEST_TESTS * 2] * 2
 
 
 def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
-    eyes, good = eyes_on("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
+    images, good = images_of("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
     weak = replace(good, borne=EdgeEvidence(45.0, 0.7), tries=2.0)
     tests = round(np.exp(weak.odds - 1.0))
-    anew = by_edges._undecided([weak], tests, eyes)
+    anew = by_edges._undecided([weak], tests, images)
     assert len(anew) > 1
     assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
     strong = replace(weak, borne=EdgeEvidence(100.0, 0.7))
-    assert by_edges._undecided([strong], 1, eyes) == [], "this one is sure"
+    assert by_edges._undecided([strong], 1, images) == [], "this one is sure"
 
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,7 +274,7 @@ def test_of_two_parts_that_could_be_at_one_place_both_are_laid_however_many_pose
 
 
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
-    found = named_by_edges(eyes_on("steeper pyramid"), model(), [])
+    found = named_by_edges(images_of("steeper pyramid"), model(), [])
     assert not found.named
     for guess in found.guesses:
         assert guess.label in KNOWN
@@ -300,7 +300,7 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     grounds = []
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: there if seen else None)
     monkeypatch.setattr(registered, "lies_on_support", lambda ground, solid, pose: grounds.append(ground))
-    named_by_edges(eyes_on("cube"), model(), [], told=known)
+    named_by_edges(images_of("cube"), model(), [], told=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
 
 
@@ -309,13 +309,13 @@ TABLE = TablePlane(np.array([0.0, 0.0, -1.0]), -352.5)
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
-def test_a_part_of_which_the_eyes_see_no_corner_together_is_named_where_it_rests(
+def test_a_part_of_which_the_cameras_see_no_corner_together_is_named_where_it_rests(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 1000))
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: None)
-    assert named_by_edges(eyes_on(name), model(), []).named == [], "nobody knows of a table"
-    (found,) = named_by_edges(eyes_on(name), model(), [], told=below(name)).named
+    assert named_by_edges(images_of(name), model(), []).named == [], "nobody knows of a table"
+    (found,) = named_by_edges(images_of(name), model(), [], told=below(name)).named
     corners = frames.apply(WHERE, KNOWN[name].corners_mm)
     off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
     assert (found.label, off.max() < 1.5) == (name, True)
@@ -335,11 +335,11 @@ def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.
     monkeypatch.setattr(
         by_edges, "hypotheses_on_support", lambda scene, spent: asked.append(scene) or RankedHypotheses([], 0)
     )
-    known = named_by_edges(eyes_on("cube"), model(), [], told=TABLE).named
+    known = named_by_edges(images_of("cube"), model(), [], told=TABLE).named
     assert (len(known), asked) == (1, [])
-    named_by_edges(eyes_on(None), model(), known, told=TABLE)
+    named_by_edges(images_of(None), model(), known, told=TABLE)
     assert asked == []
-    named_by_edges(eyes_on(None), model(), [], told=TABLE)
+    named_by_edges(images_of(None), model(), [], told=TABLE)
     assert len(asked) == 1
 
 
@@ -363,7 +363,7 @@ def test_where_that_leaves_something_unnamed_or_the_table_has_a_pattern_corners_
     )
     (found,) = named_by_edges(plain("cube"), model(), [lone_facet("cube")], enough=lambda new: not new).named
     assert (found.label, len(asked)) == ("cube", 1)
-    assert named_by_edges(eyes_on("cube"), model(), [lone_facet("cube")]).named == []
+    assert named_by_edges(images_of("cube"), model(), [lone_facet("cube")]).named == []
     assert len(asked) == 2
 
 
@@ -412,7 +412,7 @@ def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_d
 ) -> None:
     monkeypatch.setattr(by_edges, "LEAST_CONFIDENCE", 1.1)
     monkeypatch.setattr(by_edges, "print_apart_px", lambda *_: 2.0)
-    first, *others = named_by_edges(eyes_on("cube"), model(), []).guesses
+    first, *others = named_by_edges(images_of("cube"), model(), []).guesses
     assert first.print_apart_px == 2.0
     assert not any(other.print_apart_px for other in others)
     scene = look(*print_pair(CUBE, WHERE, 0), straight_rig(), model())

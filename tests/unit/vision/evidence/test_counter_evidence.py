@@ -57,7 +57,7 @@ STRANGERS = [
 
 
 @cache
-def eyes_on(name: str) -> StereoImages:
+def images_of(name: str) -> StereoImages:
     """A bare part on a bare table."""
     bodies = {"block": (BLOCK, WHERE), "cut": (CUT, WHERE), "l_block": (_farthest_first(), INTO_THE_L)}
     return open_stereo(*print_pair(*bodies[name], 3, printed=False, patterned=False), straight_rig())
@@ -77,34 +77,34 @@ def model() -> Model:
     )
 
 
-def samples(body: Body, where: Array, eyes: StereoImages) -> list[EdgePlaces]:
-    return edge_places(exact(body.corners_mm, body.facets), where, eyes)
+def samples(body: Body, where: Array, images: StereoImages) -> list[EdgePlaces]:
+    return edge_places(exact(body.corners_mm, body.facets), where, images)
 
 
-def checked(eyes: StereoImages) -> Part:
+def checked(images: StereoImages) -> Part:
     """What becomes of the block's name, which its facets gave."""
     named = recognised(view_of(BLOCK, WHERE), model())
     assert named.label == "block"
-    (found,) = verified_names([named], model(), eyes)
+    (found,) = verified_names([named], model(), images)
     return found.part
 
 
 def test_a_part_of_which_nothing_is_missing_keeps_its_name_and_nearly_all_of_its_confidence() -> None:
-    seen = samples(BLOCK, WHERE, eyes_on("block"))
+    seen = samples(BLOCK, WHERE, images_of("block"))
     assert missing_share(seen) < 0.01
     assert missing_in_both_px(seen) == 0.0
-    part = checked(eyes_on("block"))
+    part = checked(images_of("block"))
     assert part.recognition.label == "block"
     before = recognised(view_of(BLOCK, WHERE), model()).part.recognition.confidence
     assert before * 0.98 < part.recognition.confidence < before
 
 
 def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_is_said_why() -> None:
-    seen = samples(BLOCK, WHERE, eyes_on("cut"))
+    seen = samples(BLOCK, WHERE, images_of("cut"))
     share = missing_share(seen)
     assert share > 0.08
     assert missing_in_both_px(seen) > 50.0
-    verdict = checked(eyes_on("cut")).recognition
+    verdict = checked(images_of("cut")).recognition
     assert verdict.label == "unknown"
     said = re.fullmatch(r"may be block, but (\d+)% of what that should show is in neither picture", verdict.reason)
     assert said is not None
@@ -114,7 +114,7 @@ def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_
 def test_what_has_no_name_is_left_as_it_is() -> None:
     nameless = recognised(view_of(L_BLOCK, WHERE), model())
     assert not nameless.named
-    assert verified_names([nameless], model(), eyes_on("cut")) == (nameless,)
+    assert verified_names([nameless], model(), images_of("cut")) == (nameless,)
 
 
 def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_and_for_nothing_else(
@@ -131,7 +131,7 @@ def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_
 
 
 def test_edges_that_the_part_itself_hides_count_not_at_all() -> None:
-    seen = samples(L_BLOCK, INTO_THE_L, eyes_on("l_block"))
+    seen = samples(L_BLOCK, INTO_THE_L, images_of("l_block"))
     assert missing_share(seen) < 0.01
     ends = exact(L_BLOCK.corners_mm, L_BLOCK.facets).lines[0]
     faces_camera = [one.visible.any(1) for one in seen]
@@ -145,8 +145,10 @@ def test_edges_that_the_part_itself_hides_count_not_at_all() -> None:
 
 def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(painted, "GREYS", (140.0,))
-    eyes = open_stereo(*painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
-    seen = samples(BLOCK, WHERE, eyes)
+    images = open_stereo(
+        *painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig()
+    )
+    seen = samples(BLOCK, WHERE, images)
     inner = np.concatenate([one.there[(one.weight < 1) & one.visible.any(1)] for one in seen])
     assert inner.mean() < 0.2, "the edges between the facets show"
     assert missing_share(seen) < 0.01
@@ -156,7 +158,7 @@ def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPat
 
 
 def test_what_one_camera_has_and_the_other_misses_is_not_missed_by_both() -> None:
-    left, right = samples(BLOCK, WHERE, eyes_on("cut"))
+    left, right = samples(BLOCK, WHERE, images_of("cut"))
     shown = replace(left, close=np.ones_like(left.close))
     assert missing_in_both_px((left, right)) > 50.0
     assert missing_in_both_px((shown, right)) == 0.0
@@ -165,7 +167,7 @@ def test_what_one_camera_has_and_the_other_misses_is_not_missed_by_both() -> Non
 
 
 def test_an_edge_that_fades_beside_print_is_not_missed_as_one_that_ends() -> None:
-    both = samples(BLOCK, WHERE, eyes_on("block"))
+    both = samples(BLOCK, WHERE, images_of("block"))
     edge = [int((one.visible.all(1) & (one.expected > 50).all(1)).argmax()) for one in both]
     assert edge[0] == edge[1]
     for places, missed in ((slice(10, 16), False), (slice(18, 24), True), (slice(0, 24), True)):
@@ -181,7 +183,7 @@ def test_an_edge_that_fades_beside_print_is_not_missed_as_one_that_ends() -> Non
 def test_nothing_of_a_part_outside_both_pictures_is_missing() -> None:
     away = WHERE.copy()
     away[0, 3] += 900.0
-    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), away, eyes_on("block"))
+    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), away, images_of("block"))
     assert against == Against(0.0, 0.0, 0.0, 0.0)
 
 

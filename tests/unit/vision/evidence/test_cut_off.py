@@ -41,21 +41,21 @@ def shown(where, cut_px: int):
     body = Body(BOX.corners_mm, BOX.facets)
     pictures = [np.ascontiguousarray(image[:, cut_px:]) for image in print_pair(body, where, 3, printed=False)]
     whole = straight_rig()
-    eyes = []
-    for eye in (whole.left, whole.right):
-        matrix = eye.matrix.copy()
+    images = []
+    for camera in (whole.left, whole.right):
+        matrix = camera.matrix.copy()
         matrix[0, 2] -= cut_px
-        eyes.append(replace(eye, matrix=matrix))
-    return pictures, StereoRig(eyes[0], eyes[1], (whole.image_size[0] - cut_px, whole.image_size[1]))
+        images.append(replace(camera, matrix=matrix))
+    return pictures, StereoRig(images[0], images[1], (whole.image_size[0] - cut_px, whole.image_size[1]))
 
 
 def seen_at(where, rig: StereoRig):
-    """(2, K, 2) where both eyes have the box's corners."""
-    return np.stack([eye.project(frames.apply(where, BOX.corners_mm)) for eye in (rig.left, rig.right)])
+    """(2, K, 2) where both cameras have the box's corners."""
+    return np.stack([camera.project(frames.apply(where, BOX.corners_mm)) for camera in (rig.left, rig.right)])
 
 
 def cut_by(where, share: float) -> int:
-    """What to cut away for the eye that loses most of the box to lose such a share of its width."""
+    """What to cut away for the camera that loses most of the box to lose such a share of its width."""
     across = seen_at(where, straight_rig())[..., 0]
     return int((across.min(1) + share * np.ptp(across, axis=1)).min())
 
@@ -81,11 +81,11 @@ def test_a_part_that_could_be_longer_outside_the_picture_is_not_named() -> None:
 
 def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_in_view() -> None:
     for where, share, open_size in ((CORNER_FIRST, 0.06, False), (END_ON, 0.25, True), (END_ON, 0.0, False)):
-        eyes = both(where, share)
+        images = both(where, share)
         laid = SolidBatch.of([BOX])
-        seen = [one.only(0, laid) for one in edge_samples_of(laid, eyes, where[None], 0.4)]
-        assert cut_off(BOX, where, eyes) is (share > 0)
-        assert (ahead_of_sizes(BOX, where, seen, eyes, 0.4) < LEAST_APART) is open_size
+        seen = [one.only(0, laid) for one in edge_samples_of(laid, images, where[None], 0.4)]
+        assert cut_off(BOX, where, images) is (share > 0)
+        assert (ahead_of_sizes(BOX, where, seen, images, 0.4) < LEAST_APART) is open_size
 
 
 def test_a_facet_that_is_mostly_outside_the_picture_is_not_in_view() -> None:

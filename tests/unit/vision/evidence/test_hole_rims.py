@@ -52,7 +52,7 @@ def facing() -> Array:
 
 
 @cache
-def eyes_on(along_mm: float | None, radius_mm: float = 7.0, seed: int = 1) -> StereoImages:
+def images_of(along_mm: float | None, radius_mm: float = 7.0, seed: int = 1) -> StereoImages:
     """The block, bored or not, in a painted pair."""
     solid = PLAIN if along_mm is None else bored(along_mm, radius_mm)
     return open_stereo(*paint_pair([(solid, facing())], np.random.default_rng(seed), rig()), rig())
@@ -60,32 +60,32 @@ def eyes_on(along_mm: float | None, radius_mm: float = 7.0, seed: int = 1) -> St
 
 def test_a_hole_that_is_there_speaks_for_the_part_and_one_that_is_not_against_it() -> None:
     solid = bored(14.0)
-    assert hole_nats(solid, facing(), eyes_on(14.0)) > 4.0
-    assert hole_nats(solid, facing(), eyes_on(None)) == HIDDEN_NATS
-    assert hole_nats(PLAIN, facing(), eyes_on(14.0)) == 0.0
+    assert hole_nats(solid, facing(), images_of(14.0)) > 4.0
+    assert hole_nats(solid, facing(), images_of(None)) == HIDDEN_NATS
+    assert hole_nats(PLAIN, facing(), images_of(14.0)) == 0.0
 
 
 def test_a_pose_that_is_off_by_a_pixel_changes_little() -> None:
     off = facing()
     off[:3, 3] += [0.4, -0.3, 1.0]
-    assert hole_nats(bored(14.0), off, eyes_on(14.0)) > 4.0
+    assert hole_nats(bored(14.0), off, images_of(14.0)) > 4.0
 
 
 @pytest.mark.parametrize("moved_mm", [-28.0, -5.0, 5.0])
 def test_a_hole_in_another_place_is_not_this_one(moved_mm: float) -> None:
-    assert hole_nats(bored(14.0 + moved_mm), facing(), eyes_on(14.0)) < 0.0
+    assert hole_nats(bored(14.0 + moved_mm), facing(), images_of(14.0)) < 0.0
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_tenth_of_a_radius_is_told(factor: float, seed: int) -> None:
-    eyes = eyes_on(14.0, 7.0, seed)
-    right, wrong = (hole_nats(bored(14.0, radius), facing(), eyes) for radius in (7.0, 7.0 * factor))
+    images = images_of(14.0, 7.0, seed)
+    right, wrong = (hole_nats(bored(14.0, radius), facing(), images) for radius in (7.0, 7.0 * factor))
     assert right > wrong + 3.0
 
 
 def test_how_much_larger_a_hole_is_comes_out_in_pixels() -> None:
-    ((one, _),) = rims_seen(bored(14.0, 6.5), facing(), eyes_on(14.0, 7.0), 0.25)
+    ((one, _),) = rims_seen(bored(14.0, 6.5), facing(), images_of(14.0, 7.0), 0.25)
     px_per_mm = 700 / np.linalg.norm(frames.apply(facing(), bored(14.0).holes[0].ring_mm).mean(0))
     assert one.larger_px == pytest.approx(0.5 * px_per_mm, abs=0.3)
 
@@ -93,7 +93,7 @@ def test_how_much_larger_a_hole_is_comes_out_in_pixels() -> None:
 def test_a_rim_says_where_it_is_beside_where_the_pose_has_it_and_how_that_moves_with_the_pose() -> None:
     solid, off = bored(14.0), facing()
     off[:3, 3] += [0.5, -0.4, 0.0]
-    before, after = (rim_places(solid, one, eyes_on(14.0), 0.25) for one in (facing(), off))
+    before, after = (rim_places(solid, one, images_of(14.0), 0.25) for one in (facing(), off))
     assert len(before) == len(after) == 2  # in either camera
     for here, there in zip(before, after, strict=True):
         moved = here.off_px - there.off_px
@@ -102,7 +102,7 @@ def test_a_rim_says_where_it_is_beside_where_the_pose_has_it_and_how_that_moves_
 
 
 def test_a_rim_of_another_size_holds_no_pose() -> None:
-    assert rim_places(bored(14.0, 6.0), facing(), eyes_on(14.0), 0.25) == []
+    assert rim_places(bored(14.0, 6.0), facing(), images_of(14.0), 0.25) == []
 
 
 def bare(solid: Polyhedron) -> list[bool]:
@@ -111,7 +111,7 @@ def bare(solid: Polyhedron) -> list[bool]:
     middle, rim = bored(14.0).holes[0].ring_mm.mean(0), bored(14.0).holes[0].ring_mm[0]
     inside, beside = (middle + share * (rim - middle) for share in (0.9, 1.15))
     far = 2 * PLAIN.centres_mm[TOP] - middle
-    return _bare(solid, TOP, np.stack([inside, beside, far]), facing(), eyes_on(None)).tolist()
+    return _bare(solid, TOP, np.stack([inside, beside, far]), facing(), images_of(None)).tolist()
 
 
 def test_print_is_not_looked_for_in_a_hole_nor_beside_its_rim() -> None:
@@ -126,12 +126,12 @@ def test_print_is_not_looked_for_where_the_part_itself_is_before_the_face() -> N
 
 
 def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
-    assert hole_nats(bored(14.0, 1.0), facing(), eyes_on(None)) == 0.0
+    assert hole_nats(bored(14.0, 1.0), facing(), images_of(None)) == 0.0
     away = replace(bored(14.0), holes=bored(14.0).holes[1:])
-    assert hole_nats(away, facing(), eyes_on(None)) == 0.0
+    assert hole_nats(away, facing(), images_of(None)) == 0.0
     aside = facing()
     aside[0, 3] += 400.0
-    assert hole_nats(bored(14.0), aside, eyes_on(None)) == 0.0
+    assert hole_nats(bored(14.0), aside, images_of(None)) == 0.0
 
 
 def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,21 +149,21 @@ def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory(mo
             near = facing()
             near[:3, 3] = [*rng.uniform(-30, 30, 2), depth_mm]
             near[:3, :3] = near[:3, :3] @ frames.rotation_from_vector(rng.normal(0, 0.8, 3))
-            hole_nats(bored(14.0), near, eyes_on(None))
+            hole_nats(bored(14.0), near, images_of(None))
     assert max(places, default=0) < 20_000
 
 
 def test_a_missing_rim_says_no_more_than_how_seldom_one_is_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hole_rims, "HIDDEN_NATS", -50.0)
-    assert hole_nats(bored(14.0), facing(), eyes_on(None)) < -10.0
+    assert hole_nats(bored(14.0), facing(), images_of(None)) < -10.0
 
 
 def model(**parts: Polyhedron) -> Model:
     return learn_solids(empty_model(load_facets()), [(label, solid, label) for label, solid in parts.items()])
 
 
-def named(eyes_along_mm: float | None, known: Model) -> list[Part]:
-    pair = [view.grey.astype(np.uint8) for view in eyes_on(eyes_along_mm).views]
+def named(cameras_along_mm: float | None, known: Model) -> list[Part]:
+    pair = [view.grey.astype(np.uint8) for view in images_of(cameras_along_mm).views]
     return [part for part in look(pair[0], pair[1], rig(), known).parts if part.named]
 
 
@@ -195,11 +195,11 @@ def test_a_half_turn_that_only_the_hole_tells_is_told() -> None:
 
 def test_a_twin_and_a_turn_are_found_from_the_wrong_one() -> None:
     known = model(near=bored(8.0), far=bored(20.0))
-    eyes = eyes_on(20.0)
+    images = images_of(20.0)
     solid = known.metric["near"].solid
     drawn_from_part = _laid(solid)
     for turn in symmetries(replace(solid, holes=())).motions:
-        found = by_holes("near", facing() @ drawn_from_part @ turn, known, eyes)
+        found = by_holes("near", facing() @ drawn_from_part @ turn, known, images)
         assert found.label == "far"
         assert found.apart > 3.0
         assert off_mm(known.metric["far"].solid, found.pose, 20.0) < 1.0

@@ -22,26 +22,26 @@ TOLERANCE_MM = 0.25
 
 
 @cache
-def eyes_on(name: str | None) -> StereoImages:
+def images_of(name: str | None) -> StereoImages:
     bodies = [] if name is None else [(KNOWN[name], WHERE)]
     return open_stereo(*paint_pair(bodies, np.random.default_rng(3)), rig())
 
 
-def share(name: str, eyes: StereoImages) -> float | None:
+def share(name: str, images: StereoImages) -> float | None:
     solid = exact(KNOWN[name].corners_mm, KNOWN[name].facets)
     laid = SolidBatch.of([solid])
-    edges = expected(laid, eyes, WHERE[None], np.ones(1, bool), TOLERANCE_MM)
-    return edge_inlier_share(solid, WHERE, edges, eyes)
+    edges = expected(laid, images, WHERE[None], np.ones(1, bool), TOLERANCE_MM)
+    return edge_inlier_share(solid, WHERE, edges, images)
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
 def test_a_part_explains_what_is_seen_where_it_lies_and_no_other_part_does(name: str) -> None:
-    own = share(name, eyes_on(name))
+    own = share(name, images_of(name))
     assert own is not None
     assert own > USUAL_EXPLAINED
-    others = [share(other, eyes_on(name)) for other in KNOWN if other != name]
+    others = [share(other, images_of(name)) for other in KNOWN if other != name]
     assert all(other is not None and other < 0.3 for other in others)
 
 
 def test_where_no_edge_is_seen_nothing_is_said() -> None:
-    assert share("cube", eyes_on(None)) is None
+    assert share("cube", images_of(None)) is None

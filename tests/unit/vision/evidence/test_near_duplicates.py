@@ -92,9 +92,9 @@ def test_tips_are_sunk_or_raised() -> None:
 
 def test_a_part_that_shows_all_its_edges_and_is_its_own_mirror_image_could_be_nothing_else() -> None:
     where = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
-    eyes = open_stereo(*print_pair(KNOWN["cube"], where, 3), straight_rig())
+    images = open_stereo(*print_pair(KNOWN["cube"], where, 3), straight_rig())
     assert not mirror_images(CUBE)
-    assert near_duplicates(CUBE, where, eyes, [places(CUBE, {})] * 2) == []
+    assert near_duplicates(CUBE, where, images, [places(CUBE, {})] * 2) == []
 
 
 def test_a_corner_is_cut_where_all_its_edges_in_view_end_early_in_both_images() -> None:

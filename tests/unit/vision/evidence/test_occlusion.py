@@ -43,18 +43,18 @@ def plate(nearer_mm: float) -> Array:
 
 
 @cache
-def eyes_on(nearer_mm: float) -> StereoImages:
+def images_of(nearer_mm: float) -> StereoImages:
     bodies: list[tuple[Body, Array]] = [(BLOCK, WHERE), (PLATE, plate(nearer_mm))]
     bodies = bodies if nearer_mm > 0 else bodies[::-1]
     return open_stereo(*painted.paint_pair(bodies, np.random.default_rng(3), straight_rig()), straight_rig())
 
 
-def hidden(eyes: StereoImages) -> tuple[float, float]:
+def hidden(images: StereoImages) -> tuple[float, float]:
     """The shares of the block's places where no edge shows, of all, and of those that something nearer hides."""
     solid = exact(BLOCK.corners_mm, BLOCK.facets)
     missing = covered = every = 0
-    for one, seen in enumerate(edge_places(solid, WHERE, eyes)):
-        hides = hidden_places(solid, WHERE, eyes, one, seen.visible, seen.there)
+    for one, seen in enumerate(edge_places(solid, WHERE, images)):
+        hides = hidden_places(solid, WHERE, images, one, seen.visible, seen.there)
         assert not (hides & (seen.there | ~seen.visible)).any()
         missing, covered, every = (
             missing + (seen.visible & ~seen.there).sum(),
@@ -65,44 +65,46 @@ def hidden(eyes: StereoImages) -> tuple[float, float]:
 
 
 def test_edges_behind_something_nearer_are_hidden_and_do_not_speak_against_a_part() -> None:
-    missing, covered = hidden(eyes_on(70.0))
+    missing, covered = hidden(images_of(70.0))
     assert missing > 0.05
     assert covered > 0.7
-    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, eyes_on(70.0)).twin < MOST_LIKELY_TWIN
+    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images_of(70.0)).twin < MOST_LIKELY_TWIN
 
 
 def test_what_touches_a_part_hides_its_edges_where_its_own_run_on_across_them() -> None:
     """So near to the part both cameras have its edges as far apart as those of the part."""
-    missing, covered = hidden(eyes_on(3.0))
+    missing, covered = hidden(images_of(3.0))
     assert missing > 0.05
     assert covered > 0.7
 
 
 def test_the_edges_of_a_longer_part_run_on_and_hide_nothing_of_a_shorter_one() -> None:
     longer = prism(np.array([[0.0, 0], [60, 0], [60, 60], [0, 60]]), 40.0)
-    eyes = open_stereo(*painted.paint_pair([(longer, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
-    missing, covered = hidden(eyes)
+    images = open_stereo(
+        *painted.paint_pair([(longer, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig()
+    )
+    missing, covered = hidden(images)
     assert missing > 0.05
     assert covered < 0.1
 
 
 def test_what_covers_a_corner_is_known_as_an_area() -> None:
-    solid, eyes = exact(BLOCK.corners_mm, BLOCK.facets), eyes_on(70.0)
-    found = hidden_of(solid, WHERE, eyes, edge_places(solid, WHERE, eyes))
+    solid, images = exact(BLOCK.corners_mm, BLOCK.facets), images_of(70.0)
+    found = hidden_of(solid, WHERE, images, edge_places(solid, WHERE, images))
     (left,) = found.covers[0]
-    px = eyes.left.eye.camera.project(PLATE.corners_mm @ plate(70.0)[:3, :3].T + plate(70.0)[:3, 3])
+    px = images.left.rectified.camera.project(PLATE.corners_mm @ plate(70.0)[:3, :3].T + plate(70.0)[:3, 3])
     drawn = PlanarShape.of(cv2.convexHull(px.astype(np.float32))[:, 0])
     assert left.common(drawn) > 0.8 * left.area
 
 
 @pytest.mark.parametrize("aside_mm", [0.0, 150.0, -150.0, 400.0])
 def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm: float) -> None:
-    eyes, model = eyes_on(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
-    search = Search(eyes, model, (), (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
+    images, model = images_of(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
+    search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
     there = recognised(view_of(BLOCK, WHERE), model).part.cyclopean_from_part.copy()
     there[0, 3] += aside_mm
     (laid,) = registered_at(search, [EdgeHypothesis("block", there)])
-    asked = laid.without_hidden(eyes)
+    asked = laid.without_hidden(images)
     for before, after in zip(laid.seen, asked.seen, strict=True):
         assert (after.visible <= before.visible).all()
     if aside_mm == 0.0:
@@ -112,22 +114,22 @@ def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm
 
 
 def test_of_a_part_outside_a_picture_nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    eyes, model = eyes_on(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
-    search = Search(eyes, model, (), (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
+    images, model = images_of(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
+    search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
     everything = np.ones((len(model.metric["block"].solid.lines[0]), PLACES), bool)
     monkeypatch.setattr(registered, "hidden_of", lambda *_: Hidden((everything, everything), ((), ())))
     (laid,) = registered_at(search, [EdgeHypothesis("block", WHERE + OUTSIDE)])
-    assert [len(seen.visible) for seen in laid.without_hidden(eyes).seen] == [0, 0]
+    assert [len(seen.visible) for seen in laid.without_hidden(images).seen] == [0, 0]
 
 
 def test_what_lies_behind_a_part_hides_nothing_of_it() -> None:
-    assert hidden(eyes_on(-70.0)) == pytest.approx((0.0, 0.0), abs=0.02)
+    assert hidden(images_of(-70.0)) == pytest.approx((0.0, 0.0), abs=0.02)
 
 
 def test_a_corner_that_is_not_there_is_hidden_by_nothing() -> None:
     cut = prism(np.array([[0.0, 0], [60, 0], [60, 45], [18, 45], [0, 27]]), 40.0)
-    eyes = open_stereo(*painted.paint_pair([(cut, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
-    missing, covered = hidden(eyes)
+    images = open_stereo(*painted.paint_pair([(cut, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
+    missing, covered = hidden(images)
     assert missing > 0.05
     assert covered < 0.2
-    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, eyes).twin > MOST_LIKELY_TWIN
+    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images).twin > MOST_LIKELY_TWIN

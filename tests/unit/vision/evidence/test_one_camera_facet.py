@@ -46,18 +46,18 @@ def seen_by_one(camera: int) -> tuple[Array, Image, Image]:
     """The pyramid with one face towards the cameras, turned to where that camera sees a second whole and the other
     camera none."""
     blank = np.zeros(rig().image_size[::-1], np.uint8)
-    eyes = open_stereo(blank, blank, rig())
+    images = open_stereo(blank, blank, rig())
     for turn in TURNS:
         where = pose(np.array([np.sin(turn), -np.cos(turn), 0.1]), np.pi / 2, 320.0)
-        in_view = facets_in_view(SOLID, eyes, where)
+        in_view = facets_in_view(SOLID, images, where)
         if in_view.all(0).sum() == 1 and in_view[camera].sum() == 2 and in_view[1 - camera].sum() == 1:
             return where, *paint_pair([(PYRAMID, where)], np.random.default_rng(3), rig())
     raise AssertionError("no such view")
 
 
 def shown(body: Body, where: Array, pictures: tuple[Image, Image], by: StereoRig | None = None) -> int:
-    solid, eyes = exact(body.corners_mm, body.facets), open_stereo(*pictures, by or rig())
-    return facets_shown(solid, eyes, where, edge_samples_of(SolidBatch.of([solid]), eyes, where[None], 0.25))
+    solid, images = exact(body.corners_mm, body.facets), open_stereo(*pictures, by or rig())
+    return facets_shown(solid, images, where, edge_samples_of(SolidBatch.of([solid]), images, where[None], 0.25))
 
 
 @pytest.mark.parametrize("camera", few([0, 1], 1))

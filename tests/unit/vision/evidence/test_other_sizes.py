@@ -34,9 +34,11 @@ def block(length_mm: float = 60.0, width_mm: float = 45.0, shrunk_mm: float = 0.
 @cache
 def nats(shown: Body) -> float:
     """What speaks for another size than the block's, where such a body is shown."""
-    eyes = open_stereo(*painted.paint_pair([(shown, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
+    images = open_stereo(
+        *painted.paint_pair([(shown, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig()
+    )
     solid: Polyhedron = exact(block().corners_mm, block().facets)
-    fit, edges = fit_at(solid, eyes, WHERE, TOLERANCE_MM)
+    fit, edges = fit_at(solid, images, WHERE, TOLERANCE_MM)
     return other_size_nats(solid, fit.cyclopean_from_part, edges, TOLERANCE_MM)
 
 

@@ -31,12 +31,12 @@ def model() -> Model:
 
 
 @cache
-def eyes() -> StereoImages:
+def images() -> StereoImages:
     return open_stereo(*print_pair(CUBE, WHERE), straight_rig())
 
 
 def facet(corners_mm: np.ndarray) -> Facet:
-    px = [eye.project(corners_mm) for eye in (straight_rig().left, straight_rig().right)]
+    px = [camera.project(corners_mm) for camera in (straight_rig().left, straight_rig().right)]
     return replace(measured(corners_mm, None), left_px=px[0], right_px=px[1])
 
 
@@ -80,7 +80,7 @@ def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
     cube = one(face(0), face(1))
     assert cube.named
     label, aside = one(label_on(face())), one(face() + ASIDE_MM)
-    known, left = without_overlaps([label, aside], view(label.group, aside.group), [cube], model(), eyes())
+    known, left = without_overlaps([label, aside], view(label.group, aside.group), [cube], model(), images())
     assert [r.label for r in known if r.named] == ["cube"]
     assert len([r for r in known if not r.named]) == 1
     assert left.groups == tuple(r.group for r in known)
@@ -88,7 +88,7 @@ def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
 
 def test_a_part_that_is_named_already_is_not_named_again() -> None:
     cube = one(face(0), face(1))
-    known, _ = without_overlaps([cube], view(cube.group), [cube], model(), eyes())
+    known, _ = without_overlaps([cube], view(cube.group), [cube], model(), images())
     assert len(known) == 1
 
 
@@ -98,7 +98,7 @@ def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothin
     def explained(*found: Recognised, bent: np.ndarray | None = None, by_both: bool = True) -> bool:
         outlines = () if bent is None else (Rejected(facet(bent).left_px, "left", "bent", unexplained=by_both),)
         seen = replace(view(*(r.group for r in found)), rejected=outlines)
-        return all_accounted_for(found, seen, model(), eyes())
+        return all_accounted_for(found, seen, model(), images())
 
     assert explained(cube)
     assert explained(cube, bent=face(0))
@@ -110,7 +110,7 @@ def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothin
 
 def test_nothing_more_leaves_what_was_found() -> None:
     aside = one(face() + ASIDE_MM)
-    known, left = without_overlaps([aside], view(aside.group), [], model(), eyes())
+    known, left = without_overlaps([aside], view(aside.group), [], model(), images())
     assert known == (aside,)
     assert left.groups == (aside.group,)
 

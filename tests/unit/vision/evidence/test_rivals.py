@@ -30,16 +30,16 @@ FACING = [k for k in range(6) if exact(CUBE.corners_mm, CUBE.facets).facing(WHER
 
 
 @cache
-def eyes() -> StereoImages:
+def images() -> StereoImages:
     return open_stereo(*print_pair(CUBE, WHERE, 3), straight_rig())
 
 
 def shown(corners_mm: np.ndarray, facets) -> list[EdgeSamples]:
-    return edge_samples_of(SolidBatch.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
+    return edge_samples_of(SolidBatch.of([exact(corners_mm, facets)]), images(), WHERE[None], 0.25)
 
 
-def rival_of(solid: Polyhedron, where: np.ndarray, eyes_on: StereoImages) -> UntaughtRival:
-    return untaught_rival(solid, where, eyes_on, edge_places(solid, where, eyes_on))
+def rival_of(solid: Polyhedron, where: np.ndarray, images_of: StereoImages) -> UntaughtRival:
+    return untaught_rival(solid, where, images_of, edge_places(solid, where, images_of))
 
 
 def longer(body: Body, share: float) -> np.ndarray:
@@ -68,11 +68,11 @@ def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monk
     """Of the part that lies there, and of its mirror image as the same look takes it to lie there."""
     monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
     pair, lies, photo = look_alikes.shown("mirror", seed)
-    eyes_on, nats = open_stereo(photo.left, photo.right, true_rig(cell())), list[float]()
+    images_of, nats = open_stereo(photo.left, photo.right, true_rig(cell())), list[float]()
     for part in (pair.parts[lies], pair.parts[1 - lies]):
         model = taught((part,))
         (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
-        nats.append(rival_of(model.metric[part.label].solid, found.cyclopean_from_part, eyes_on).nats)
+        nats.append(rival_of(model.metric[part.label].solid, found.cyclopean_from_part, images_of).nats)
     assert nats[0] == 0.0
     assert nats[1] > RIVAL_NATS
 
@@ -91,7 +91,7 @@ def cut_block() -> Polyhedron:
 
 
 @cache
-def eyes_on_block(cut: bool) -> StereoImages:
+def images_of_block(cut: bool) -> StereoImages:
     shown = cut_block() if cut else exact(BLOCK.corners_mm, BLOCK.facets)
     body = Body(shown.corners_mm, shown.facets)
     return open_stereo(*print_pair(body, NEAR_BLOCK, 3, printed=False, patterned=False), straight_rig())
@@ -100,8 +100,8 @@ def eyes_on_block(cut: bool) -> StereoImages:
 @pytest.mark.parametrize(("taught_cut", "how"), [(False, "with a corner cut off"), (True, "with a cut corner whole")])
 def test_a_corner_cut_off_and_one_that_is_whole_speak_against_the_other(taught_cut: bool, how: str) -> None:
     solid = cut_block() if taught_cut else exact(BLOCK.corners_mm, BLOCK.facets)
-    assert rival_of(solid, NEAR_BLOCK, eyes_on_block(taught_cut)).nats == 0.0
-    rival = rival_of(solid, NEAR_BLOCK, eyes_on_block(not taught_cut))
+    assert rival_of(solid, NEAR_BLOCK, images_of_block(taught_cut)).nats == 0.0
+    rival = rival_of(solid, NEAR_BLOCK, images_of_block(not taught_cut))
     assert rival.how == how
     assert rival.nats > RIVAL_NATS / 2
 
@@ -109,10 +109,10 @@ def test_a_corner_cut_off_and_one_that_is_whole_speak_against_the_other(taught_c
 def test_a_tip_that_is_seen_from_the_side_alone_tells_by_the_outline(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its facets are too thin to be measured by themselves; what they stick out shows."""
     pair, lies, photo = look_alikes.shown("dihedral", 28)
-    eyes_on, model = open_stereo(photo.left, photo.right, true_rig(cell())), taught((pair.parts[1 - lies],))
+    images_of, model = open_stereo(photo.left, photo.right, true_rig(cell())), taught((pair.parts[1 - lies],))
     monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
     (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
     solid = model.metric[found.recognition.label].solid
-    assert rival_of(solid, found.cyclopean_from_part, eyes_on).nats > RIVAL_NATS / 2
+    assert rival_of(solid, found.cyclopean_from_part, images_of).nats > RIVAL_NATS / 2
     monkeypatch.setattr(rivals, "BY_OUTLINE_PX", THIN_PX)
-    assert rival_of(solid, found.cyclopean_from_part, eyes_on).nats == 0.0
+    assert rival_of(solid, found.cyclopean_from_part, images_of).nats == 0.0

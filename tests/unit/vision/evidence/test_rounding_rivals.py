@@ -65,11 +65,11 @@ def test_a_part_is_held_against_taught_parts_with_as_many_corners_and_facets_alo
 
 @pytest.mark.parametrize("lies", [0, 1])
 def test_borders_speak_for_the_part_that_is_there(pair, shown, lies):
-    eyes = open_stereo(shown[lies].left, shown[lies].right, true_rig(cell()))
+    images = open_stereo(shown[lies].left, shown[lies].right, true_rig(cell()))
     own, other = (pair[k].drawing.solid for k in (lies, 1 - lies))
     pose = pose_of(pair[lies], shown[lies])
     for one, theirs, sign in ((own, other, 1), (other, own, -1)):
-        borders = borders_seen(one, theirs, np.eye(4), pose, eyes)
+        borders = borders_seen(one, theirs, np.eye(4), pose, images)
         assert len(borders) >= 4
         assert sign * nats_of(borders) > 2.2
 

@@ -55,7 +55,7 @@ def painted(kind: str, where: Array = TOWARDS) -> StereoImages:
 @cache
 def view(kind: str) -> FacetView:
     """The facets of it that are seen."""
-    left, right = (eye.grey for eye in painted(kind).views)
+    left, right = (camera.grey for camera in painted(kind).views)
     return find_facets(left, right, rig())
 
 
@@ -132,5 +132,5 @@ def test_a_bore_is_no_facet_of_its_own() -> None:
 
 def test_polyhedra_have_no_arcs() -> None:
     for body in (*KNOWN.values(), block(50.0, 40.0, 30.0)):
-        eyes = open_stereo(*paint_pair([(body, TOWARDS)], np.random.default_rng(5), rig()), rig())
-        assert round_facets(eyes) == []
+        images = open_stereo(*paint_pair([(body, TOWARDS)], np.random.default_rng(5), rig()), rig())
+        assert round_facets(images) == []

@@ -68,13 +68,13 @@ def test_a_piece_hardly_known_does_not_say_where_the_plane_is() -> None:
     assert first != (0, 0)
 
 
-EYES = np.array([[20.0 + 10 * k, 20.0, 300.0] for k in range(4)])
+CENTRES = np.array([[20.0 + 10 * k, 20.0, 300.0] for k in range(4)])
 ASKEW = SQUARE + np.array([[0, 0, 7.0], [0, 0, 7.0], [0, 0, -7.0], [0, 0, -7.0]])
 
 
-def kept(shapes: list[np.ndarray], eyes: np.ndarray = EYES) -> int:
+def kept(shapes: list[np.ndarray], centres: np.ndarray = CENTRES) -> int:
     facets = one_facet(shapes, [SURE] * len(shapes), [RING] * len(shapes))
-    return len(uncontradicted(facets, shapes, [RING] * len(shapes), eyes[: len(shapes)]))
+    return len(uncontradicted(facets, shapes, [RING] * len(shapes), centres[: len(shapes)]))
 
 
 def test_what_one_look_saw_and_two_others_deny_is_left_out() -> None:
@@ -93,8 +93,8 @@ def test_looks_that_all_disagree_do_not_leave_nothing() -> None:
 def test_nobody_denies_what_stands_behind_something_or_is_turned_away() -> None:
     above = SQUARE * 2 - 20 + np.array([0.0, 0.0, 60.0])
     assert kept([above, above, SQUARE]) == 2
-    below = EYES * [1.0, 1.0, -1.0]
-    assert kept([ASKEW[::-1], SQUARE, SQUARE], np.vstack([below[:1], EYES[:2]])) == 2
+    below = CENTRES * [1.0, 1.0, -1.0]
+    assert kept([ASKEW[::-1], SQUARE, SQUARE], np.vstack([below[:1], CENTRES[:2]])) == 2
 
 
 def test_what_shares_a_mark_is_one_thing() -> None:

@@ -1,4 +1,4 @@
-"""Two eyes: rays that meet, polygons that match, corners that settle, and the thesis's formula beside them."""
+"""Two cameras: rays that meet, polygons that match, corners that settle, and the thesis's formula beside them."""
 
 from __future__ import annotations
 
@@ -28,56 +28,58 @@ DIRECTION = np.array([1.0, 0.45, 0.8])
 
 
 def tilted_rig() -> StereoRig:
-    """A rig whose eyes stand at different heights and depths, as a real one may."""
+    """A rig whose cameras stand at different heights and depths, as a real one may."""
     turn = frames.rotation_from_vector(np.array([0.03, 0.09, -0.02]))
     left = Camera(rig().left.matrix, rig().left.distortion, frames.rigid(turn, np.array([-29.0, 1.5, -0.7])))
     return StereoRig(left, rig().right, (640, 480))
 
 
-@pytest.mark.parametrize("eyes", [rig(), tilted_rig()], ids=["as designed", "askew"])
+@pytest.mark.parametrize("stereo", [rig(), tilted_rig()], ids=["as designed", "askew"])
 @given(st.floats(-60, 60), st.floats(-60, 60), st.floats(200, 900))
 @settings(max_examples=25, deadline=None)
-def test_a_point_seen_by_both_eyes_is_where_it_was(eyes: StereoRig, x: float, y: float, z: float) -> None:
-    both = baseline(eyes)
+def test_a_point_seen_by_both_cameras_is_where_it_was(stereo: StereoRig, x: float, y: float, z: float) -> None:
+    both = baseline(stereo)
     point = np.array([[x, y, z]])
-    left, right = both.left.ideal(eyes.left.project(point)), both.right.ideal(eyes.right.project(point))
+    left, right = both.left.ideal(stereo.left.project(point)), both.right.ideal(stereo.right.project(point))
     assert left[0, 1] == pytest.approx(right[0, 1], abs=1e-6)
     assert both.points(left, right) == pytest.approx(point, abs=2e-3)
     again_left, again_right = both.project(point)
     assert again_left == pytest.approx(left, abs=1e-6)
-    assert both.right.pixels(again_right) == pytest.approx(eyes.right.project(point), abs=1e-3)
+    assert both.right.pixels(again_right) == pytest.approx(stereo.right.project(point), abs=1e-3)
 
 
 def test_the_thesis_formula_is_right_at_the_fixation_point_and_compensation_helps_off_it() -> None:
-    eyes = rig()
-    constants = converging(eyes)
+    stereo = rig()
+    constants = converging(stereo)
     at = np.array([[0.0, 0.0, constants.fixation_mm]])
-    assert by_formula(eyes.left.project(at), eyes.right.project(at), eyes, constants) == pytest.approx(at, abs=1.5)
+    assert by_formula(stereo.left.project(at), stereo.right.project(at), stereo, constants) == pytest.approx(
+        at, abs=1.5
+    )
     off = np.array([[0.0, 0.0, 0.62 * constants.fixation_mm]])
-    px = eyes.left.project(off), eyes.right.project(off)
-    bare = abs(by_formula(*px, eyes, constants)[0, 2] - off[0, 2])
-    mended = abs(by_formula(*px, eyes, constants, compensated=True)[0, 2] - off[0, 2])
+    px = stereo.left.project(off), stereo.right.project(off)
+    bare = abs(by_formula(*px, stereo, constants)[0, 2] - off[0, 2])
+    mended = abs(by_formula(*px, stereo, constants, compensated=True)[0, 2] - off[0, 2])
     assert mended < 0.3 * bare
 
 
 def test_polygons_match_whatever_corner_and_order_they_come_in() -> None:
-    eyes = rig()
-    both = baseline(eyes)
+    stereo = rig()
+    both = baseline(stereo)
     corners = frames.apply(pose(DIRECTION, 0.3), CUBE.corners_mm)
     facets = [corners[list(CUBE.facets[k])] for k in seen_facets(CUBE, pose(DIRECTION, 0.3))]
-    left = [eyes.left.project(f) for f in facets]
-    right = [np.roll(eyes.right.project(f), k + 1, axis=0) for k, f in enumerate(facets)][::-1]
+    left = [stereo.left.project(f) for f in facets]
+    right = [np.roll(stereo.right.project(f), k + 1, axis=0) for k, f in enumerate(facets)][::-1]
     best: dict[int, PolygonMatch] = {}
     for m in match_polygons(left, right, both, VisionSettings()):
         best.setdefault(m.left, m)
     assert [best[k].right for k in range(len(left))] == [len(left) - 1 - k for k in range(len(left))]
     for k, m in best.items():
         again = np.roll(right[m.right], -m.shift, axis=0)
-        assert again == pytest.approx(eyes.right.project(facets[k]), abs=1e-9)
+        assert again == pytest.approx(stereo.right.project(facets[k]), abs=1e-9)
 
 
 def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> EdgeObservations:
-    """Exact side lines of one facet in one eye of a rig in its own baseline frame."""
+    """Exact side lines of one facet in one camera of a rig in its own baseline frame."""
     ideal = np.stack([(points[:, 0] + shift) / points[:, 2], points[:, 1] / points[:, 2]], 1)
     start, end = ideal[ring], ideal[np.roll(ring, -1)]
     chord = end - start
@@ -127,29 +129,29 @@ def test_all_corners_run_so_that_the_normal_looks_at_the_cameras() -> None:
 
 
 def test_mirrored_cameras_give_mirrored_answers() -> None:
-    eyes = rig()
+    stereo = rig()
     where = pose(np.array([1.0, 0.8, 0.9]), 0.4, 340.0)
-    left, right = paint_pair([(CUBE, where)], np.random.default_rng(7), eyes)
-    straight = find_facets(left, right, eyes)
-    mirrored = find_facets(right[:, ::-1].copy(), left[:, ::-1].copy(), mirrored_rig(eyes))
+    left, right = paint_pair([(CUBE, where)], np.random.default_rng(7), stereo)
+    straight = find_facets(left, right, stereo)
+    mirrored = find_facets(right[:, ::-1].copy(), left[:, ::-1].copy(), mirrored_rig(stereo))
     one, other = corners_of(straight), corners_of(mirrored) * [-1.0, 1.0, 1.0]
     assert len(one) == len(other)
     away = np.linalg.norm(one[:, None] - other[None], axis=2).min(1)
     assert away.max() < 0.15
 
 
-def mirrored_rig(eyes: StereoRig) -> StereoRig:
-    """The rig as a mirror in the plane x = 0 shows it, its images flipped left to right."""
+def mirrored_rig(stereo: StereoRig) -> StereoRig:
+    """The rig as a mirror in the plane x = 0 shows it, its stereo flipped left to right."""
     flip = np.diag([-1.0, 1.0, 1.0])
 
-    def eye(camera: Camera) -> Camera:
+    def camera(camera: Camera) -> Camera:
         matrix = camera.matrix.copy()
-        matrix[0, 2] = eyes.image_size[0] - 1 - matrix[0, 2]
+        matrix[0, 2] = stereo.image_size[0] - 1 - matrix[0, 2]
         k1, k2, p1, p2, k3 = camera.distortion
         turn, place = camera.cyclopean_from_camera[:3, :3], camera.cyclopean_from_camera[:3, 3]
         return Camera(matrix, np.array([k1, k2, p1, -p2, k3]), frames.rigid(flip @ turn @ flip, flip @ place))
 
-    return StereoRig(eye(eyes.right), eye(eyes.left), eyes.image_size)
+    return StereoRig(camera(stereo.right), camera(stereo.left), stereo.image_size)
 
 
 def corners_of(view: FacetView) -> Array:
@@ -234,12 +236,12 @@ def test_the_shadows_of_two_lamps_are_told_from_a_flat_part_s_faces() -> None:
     assert lying_under([*faces, *shadows]) == (4, 5)
 
 
-def test_what_one_eye_alone_outlines_is_left_for_a_second_look() -> None:
+def test_what_one_camera_alone_outlines_is_left_for_a_second_look() -> None:
     settings_ = VisionSettings()
     left, right = paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11))
     right[:, 320:] = right[:, 320:].mean()
-    eyes = open_stereo(left, right, rig())
-    both, alone = (outlines_of(eyes, settings_, in_one=in_one) for in_one in (False, True))
+    images = open_stereo(left, right, rig())
+    both, alone = (outlines_of(images, settings_, in_one=in_one) for in_one in (False, True))
     assert len(both[0]) < len(alone[0])
     assert set(both[0]) <= set(alone[0])
 

@@ -1,4 +1,4 @@
-"""Where the table has a pattern both eyes see how it lies; where it has none, or most is nearer, they do not."""
+"""Where the table has a pattern both cameras see how it lies; where it has none, or most is nearer, they do not."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
     """A quarter of the picture is nearer, or farther, than the plane that the rest lies in; a pattern that repeats
     itself makes much of some places look farther; and what has a pattern in one place alone may be a part's face."""
     rng = np.random.default_rng(6)
-    eyes = open_stereo(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
+    images = open_stereo(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
     disparities = np.full((160, 213), 60.0, np.float32)
     other = np.zeros(disparities.shape, bool)
     if where == "here and there":
@@ -120,7 +120,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
         disparities[:40] = disparities[125:] = disparities[:, :45] = disparities[:, 180:] = 0.0
     disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
     monkeypatch.setattr(table_estimation, "_disparities", lambda *_: disparities)
-    assert (seen_table(eyes) is not None) == table
+    assert (seen_table(images) is not None) == table
 
 
 @pytest.mark.parametrize("slant", [0.0, 0.3])
@@ -131,13 +131,13 @@ def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: 
     _, tall, wide = found.left.shape
     places = np.stack(np.meshgrid(np.arange(wide), np.arange(tall)), 2).reshape(-1, 2).astype(float)
     moved = np.array([slant, 0.0]) * (places[:, 1:] - tall / 2)
-    for eye, taken, at in ((geometry.left, found.left, places), (geometry.right, found.right, places - moved)):
-        shown = places[:, 0] >= (found.margin if eye is geometry.left else 0)
-        off_px = taken.reshape(2, -1).T - eye.pixels(found.ideal(at))
+    for camera, taken, at in ((geometry.left, found.left, places), (geometry.right, found.right, places - moved)):
+        shown = places[:, 0] >= (found.margin if camera is geometry.left else 0)
+        off_px = taken.reshape(2, -1).T - camera.pixels(found.ideal(at))
         assert np.abs(off_px[shown]).max() < 0.1
 
 
-def test_what_only_the_left_eye_sees_says_nothing_against_a_table() -> None:
+def test_what_only_the_left_camera_sees_says_nothing_against_a_table() -> None:
     """Of a near table the left third is not in the right picture; what is matched there all the same lies far away."""
     canvas = straight_canvas()
     places, near = table_estimation._places((160, 213)), 140.0
@@ -151,17 +151,17 @@ def test_what_only_the_left_eye_sees_says_nothing_against_a_table() -> None:
 
 
 @pytest.mark.parametrize(("slant", "upright"), [(0.12, True), (0.6, True), (-0.6, False)])
-def test_grain_at_a_slant_is_seen_by_upright_eyes_and_by_others_where_the_table_is_known(
+def test_grain_at_a_slant_is_seen_by_upright_cameras_and_by_others_where_the_table_is_known(
     slant: float, upright: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     where = table_at(340.0, 0.0, 0.9)
-    eyes = open_stereo(*print_pair(None, where, table=where, speckled=True), straight_rig())
+    images = open_stereo(*print_pair(None, where, table=where, speckled=True), straight_rig())
     monkeypatch.setattr(table_estimation, "_pictures", lambda _, canvas: grain(slant, canvas))
-    found = seen_table(eyes)
+    found = seen_table(images)
     assert (found is not None) == upright
     up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
     known = TablePlane(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
-    assert seen_table(eyes, known).up @ known.up > np.cos(np.radians(1.0))
+    assert seen_table(images, known).up @ known.up > np.cos(np.radians(1.0))
 
 
 def grain(slant: float, canvas: table_estimation.Rectified) -> tuple[np.ndarray, np.ndarray]:

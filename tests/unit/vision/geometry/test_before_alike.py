@@ -12,10 +12,10 @@ STAIRS = exact(*prism([(0, 0), (60, 0), (60, 15), (40, 15), (40, 40), (0, 40)], 
 """Along z 50 mm; a tread at y = 15 from x = 40 on, and the top at y = 40 up to there."""
 
 
-def seen_from(solid: Polyhedron, eye: Array) -> Flags:
-    """(E,) which of its lines an eye sees before a facet that faces the same way, in their middles."""
+def seen_from(solid: Polyhedron, camera: Array) -> Flags:
+    """(E,) which of its lines a camera sees before a facet that faces the same way, in their middles."""
     ends = solid.corners_mm[solid.lines[0]]
-    return before_alike(solid, ends.mean(1)[:, None], eye)[:, 0]
+    return before_alike(solid, ends.mean(1)[:, None], camera)[:, 0]
 
 
 def line(*ends: tuple[float, float, float]) -> int:

@@ -97,6 +97,6 @@ def test_a_side_two_polygons_share_is_told_once_and_which_way_it_runs() -> None:
 
 
 def test_of_no_sides_none_differ() -> None:
-    """An eye of many in which no outline was left ended the look."""
+    """A camera of many in which no outline was left ended the look."""
     kept, which, backwards = different(np.zeros((0, 2)), np.zeros((0, 2)), 0.5)
     assert len(kept) == len(which) == len(backwards) == 0

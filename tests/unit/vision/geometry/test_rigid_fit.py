@@ -24,7 +24,7 @@ poses = st.builds(
 
 
 def doubt_at(points: np.ndarray) -> np.ndarray:
-    """(K, 3, 3) mm^2 as two eyes have it: 0.4 mm along the ray, 0.08 mm across."""
+    """(K, 3, 3) mm^2 as two cameras have it: 0.4 mm along the ray, 0.08 mm across."""
     rays = points / np.linalg.norm(points, axis=1, keepdims=True)
     along = rays[:, :, None] * rays[:, None, :]
     return 0.16 * along + 0.0064 * (np.eye(3) - along)

@@ -1,4 +1,4 @@
-"""Which facets an eye sees whole: what faces it, and is covered by nothing."""
+"""Which facets a camera sees whole: what faces it, and is covered by nothing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.fakes import drawn
 UP, ASLANT = np.array([0.0, 0, 1]), np.array([0.6, 0, 0.8])
 
 
-def test_only_facets_that_face_the_eye_show() -> None:
+def test_only_facets_that_face_the_camera_show() -> None:
     cube = drawn.block(50, 50, 50)
     shown = visible_from(cube, np.array([UP, ASLANT, -UP]))
     assert cube.normals[shown[0]] == pytest.approx(UP[None])

@@ -14,7 +14,7 @@ from daemon.vision.values import Cause, Facet, NearestGuess, Part, Recognition
 
 Image = NDArray[np.uint8]
 SQUARE = np.array([[300.0, 200], [300, 280], [380, 280], [380, 200]])
-ON = slice(192, 289), slice(282, 389)  # where the square and its surroundings lie in either eye
+ON = slice(192, 289), slice(282, 389)  # where the square and its surroundings lie in either camera
 
 
 def noisy(levels: np.ndarray, seed: int = 0) -> tuple[Image, Image]:
@@ -65,7 +65,7 @@ def test_a_part_with_a_name_has_no_cause() -> None:
 
 
 @pytest.mark.parametrize("at", [(0, -198), (0, 198), (-295, 0), (258, 0)])
-def test_an_outline_that_ends_at_the_border_of_either_eye_was_cut_there(at: tuple[float, float]) -> None:
+def test_an_outline_that_ends_at_the_border_of_either_camera_was_cut_there(at: tuple[float, float]) -> None:
     assert cause(part(at), plain()) is Cause.BORDER
     inward = tuple(np.array(at) * 0.9)
     assert cause(part((inward[0], inward[1])), plain()) is Cause.STRANGE
@@ -83,7 +83,7 @@ def test_the_light_is_judged_where_the_part_lies() -> None:
     assert cause(part(), elsewhere) is Cause.STRANGE
 
 
-def test_one_eye_in_the_dark_is_enough() -> None:
+def test_one_camera_in_the_dark_is_enough() -> None:
     left, right = noisy(plain())
     (found,) = with_causes((part(),), (), (left, right // 12))
     assert found.recognition.cause is Cause.DARK

@@ -1,4 +1,4 @@
-"""What the outlines of both eyes say of a knock: true corners agree on it, a pattern's chance pairs do not."""
+"""What the outlines of both cameras say of a knock: true corners agree on it, a pattern's chance pairs do not."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ OUTLINES = 3
 
 
 def seen_by_both(truth: StereoRig) -> list[Array]:
-    """A cube's corners in either eye."""
+    """A cube's corners in either camera."""
     cube = CUBE @ frames.rotation_from_vector(np.array([0.4, 0.7, 0.2])).T + AT_MM
-    return [eye.project(cube) for eye in (truth.left, truth.right)]
+    return [camera.project(cube) for camera in (truth.left, truth.right)]
 
 
 def named(confidence: float) -> Part:
@@ -32,25 +32,25 @@ def named(confidence: float) -> Part:
 
 
 def outlined(left: Array, right: Array, seed: int = 0) -> Scene:
-    """What a look tells of corners that several refused outlines of either eye go through."""
+    """What a look tells of corners that several refused outlines of either camera go through."""
     rng = np.random.default_rng(seed)
     refused = [
-        Rejected(corners + rng.normal(0, 0.1, corners.shape), eye, "no polygon of the other eye fits")
-        for eye, corners in (("left", left), ("right", right))
+        Rejected(corners + rng.normal(0, 0.1, corners.shape), camera, "no polygon of the other camera fits")
+        for camera, corners in (("left", left), ("right", right))
         for _ in range(OUTLINES)
     ]
     return Scene((), (), FacetView((), tuple(refused), (), (), 1.0))
 
 
 @pytest.mark.parametrize("degrees", [0.0, 0.1, -0.3])
-def test_the_corners_of_many_outlines_say_how_far_the_right_eye_has_pitched(degrees: float) -> None:
+def test_the_corners_of_many_outlines_say_how_far_the_right_camera_has_pitched(degrees: float) -> None:
     rig = unlike_rig()
     seen = clue_of(outlined(*seen_by_both(turned(rig, 0, degrees))), rig, lambda _: None)
     assert np.degrees(seen.turn[0]) == pytest.approx(degrees, abs=0.02)
     assert np.degrees(seen.sigma[0]) < 0.02
 
 
-def test_where_a_part_is_surely_named_no_eye_is_so_far_off_that_none_could_be() -> None:
+def test_where_a_part_is_surely_named_no_camera_is_so_far_off_that_none_could_be() -> None:
     """Half a degree is 6 px: the outlines' pairs are a pattern's."""
     rig = unlike_rig()
     seen = outlined(*seen_by_both(turned(rig, 0, 0.5)))
@@ -66,10 +66,11 @@ def test_three_corners_say_nothing_however_many_outlines_go_through_them() -> No
 
 
 def test_a_row_of_dots_has_one_vote_a_dot_for_the_offset_that_all_of_it_shares() -> None:
-    """Three dots in each eye, all of them four px off, pair in nine ways; the cube is where the calibration has it."""
+    """Three dots in each camera, all of them four px off, pair in nine ways; the cube is where the calibration has
+    it."""
     rig = unlike_rig()
     row = np.array([[-12.0, 40.0, 350.0], [0.0, 40.0, 350.0], [12.0, 40.0, 350.0]])
-    dots = [eye.project(row) for eye in (rig.left, rig.right)]
+    dots = [camera.project(row) for camera in (rig.left, rig.right)]
     astray = dots[1] + [0.0, 4.0]
     assert len(same_height(rig, dots[0], astray)[0]) == 0
     cube = seen_by_both(rig)

@@ -69,11 +69,11 @@ def test_a_good_pair_has_nothing_wrong() -> None:
 )
 def test_what_is_wrong_with_a_picture_is_found_by_its_name(name: str, image: Image) -> None:
     findings = examine((LEFT, image), before=(picture(3), picture(4)))
-    assert [f.name for f in findings if not f.good and f.eye == "left"] == []
-    assert name in [f.name for f in findings if not f.good and f.eye == "right"]
+    assert [f.name for f in findings if not f.good and f.camera == "left"] == []
+    assert name in [f.name for f in findings if not f.good and f.camera == "right"]
 
 
-def test_a_pair_that_repeats_is_frozen_even_when_only_one_eye_does() -> None:
+def test_a_pair_that_repeats_is_frozen_even_when_only_one_camera_does() -> None:
     assert bad(LEFT, before=(LEFT, RIGHT)) == {"frozen"}
     assert bad(LEFT, before=(picture(5), RIGHT)) == {"frozen"}
 
@@ -82,13 +82,13 @@ def test_one_camera_named_twice_is_found() -> None:
     assert "doubled" in bad(LEFT, LEFT.copy())
 
 
-def test_one_picture_that_is_given_twice_is_one_eye_and_nothing_that_two_would_be_asked_is_asked_of_it() -> None:
+def test_one_picture_that_is_given_twice_is_one_camera_and_nothing_that_two_would_be_asked_is_asked_of_it() -> None:
     asked = {f.name for f in examine((LEFT, LEFT), None, rig())}
     assert "covered" in asked
     assert not {"doubled", "swapped", "knocked"} & asked
 
 
-def test_an_empty_bright_table_is_not_a_covered_lens_but_one_blind_eye_is() -> None:
+def test_an_empty_bright_table_is_not_a_covered_lens_but_one_blind_camera_is() -> None:
     plain = noisy(np.full((480, 640), 120))
     assert "covered" not in bad(plain, noisy(plain))
     assert "covered" in bad(plain, RIGHT)
@@ -134,20 +134,20 @@ def test_the_blur_of_a_picture_without_edges_is_not_measured() -> None:
 
 
 def rig(height_mm: float = 0.0) -> StereoRig:
-    """Two eyes that converge at 350 mm, the right one's image 5 px lower than the left one's."""
+    """Two cameras that converge at 350 mm, the right one's image 5 px lower than the left one's."""
     turn_rad, centres = np.arctan2(30.0, 350.0), ((320.0, 241.0), (320.0, 236.0))
     return rigs.rig(turn_rad=turn_rad, centres_px=centres, distortion=(-0.08, 0.03, 0, 0, 0), raised_mm=height_mm)
 
 
-def starry(eyes: StereoRig, points: int = 25) -> tuple[Image, Image]:
-    """Little textured patches at known points in space, as both eyes see them."""
+def starry(stereo: StereoRig, points: int = 25) -> tuple[Image, Image]:
+    """Little textured patches at known points in space, as both cameras see them."""
     random = np.random.default_rng(11)
     places = np.column_stack(
         [random.uniform(-70, 70, points), random.uniform(-60, 60, points), random.uniform(280, 420, points)]
     )
     patches = random.integers(0, 255, (points, 7, 7), np.uint8)
     images = []
-    for camera in (eyes.left, eyes.right):
+    for camera in (stereo.left, stereo.right):
         image = random.normal(100, 2, (480, 640)).astype(np.uint8)
         for (u, v), patch in zip(np.rint(camera.project(places)).astype(int), patches, strict=True):
             if 10 <= u < 630 and 10 <= v < 470:
@@ -156,7 +156,7 @@ def starry(eyes: StereoRig, points: int = 25) -> tuple[Image, Image]:
     return images[0], images[1]
 
 
-def test_swapped_eyes_are_found_and_those_the_right_way_round_are_left_in_peace() -> None:
+def test_swapped_cameras_are_found_and_those_the_right_way_round_are_left_in_peace() -> None:
     left, right = starry(rig())
     assert assignment(left, right, rig())[0] is Assignment.RIGHT
     assert assignment(right, left, rig())[0] is Assignment.SWAPPED
@@ -165,7 +165,7 @@ def test_swapped_eyes_are_found_and_those_the_right_way_round_are_left_in_peace(
 
 
 @pytest.mark.parametrize("pitch_deg", [-1.0, -0.5, 0.32, 1.0])
-def test_a_camera_knocked_up_or_down_is_told_from_swapped_eyes(pitch_deg: float) -> None:
+def test_a_camera_knocked_up_or_down_is_told_from_swapped_cameras(pitch_deg: float) -> None:
     left, right = starry(rig())
     knocked = knocked_right(rig(), pitch_deg)
     way, off_px = assignment(left, right, knocked)
@@ -182,13 +182,13 @@ def test_dots_of_which_one_is_as_good_as_the_next_are_no_points_to_compare() -> 
     assert len(matched_points(*starry(rig()))[0]) > 20
 
 
-def knocked_right(eyes: StereoRig, pitch_deg: float) -> StereoRig:
+def knocked_right(stereo: StereoRig, pitch_deg: float) -> StereoRig:
     """What a calibration says from before the right camera was tilted."""
-    pose = eyes.right.cyclopean_from_camera.copy()
+    pose = stereo.right.cyclopean_from_camera.copy()
     pose[:3, :3] = pose[:3, :3] @ cv2.Rodrigues(np.array([np.radians(pitch_deg), 0.0, 0.0]))[0]
-    return replace(eyes, right=replace(eyes.right, cyclopean_from_camera=pose))
+    return replace(stereo, right=replace(stereo.right, cyclopean_from_camera=pose))
 
 
-def test_a_picture_with_little_in_it_does_not_tell_which_eye_is_which() -> None:
+def test_a_picture_with_little_in_it_does_not_tell_which_camera_is_which() -> None:
     plain = np.random.default_rng(2).normal(100, 2, (480, 640)).astype(np.uint8)
     assert assignment(plain, plain[:, ::-1].copy(), rig())[0] is Assignment.UNKNOWN

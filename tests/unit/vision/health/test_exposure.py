@@ -1,4 +1,4 @@
-"""By how much the exposure of each eye is wrong, from what it sees where the parts are."""
+"""By how much the exposure of each camera is wrong, from what it sees where the parts are."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_light_that_will_do_is_left_alone(exposure: float) -> None:
 
 
 @pytest.mark.parametrize(("left", "right"), [(1.3, 0.95), (0.7, 1.2), (1.0, 0.4)])
-def test_the_brighter_eye_is_brought_to_the_darker_one(left: float, right: float) -> None:
+def test_the_brighter_camera_is_brought_to_the_darker_one(left: float, right: float) -> None:
     now = mended(left, right, (part(),))
     assert now[0] / now[1] == pytest.approx(1.0, abs=0.06)
 

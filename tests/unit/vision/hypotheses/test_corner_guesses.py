@@ -23,7 +23,7 @@ NAMES = tuple(sorted(KNOWN))
 
 
 @cache
-def eyes_on(name: str) -> StereoImages:
+def images_of(name: str) -> StereoImages:
     return open_stereo(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
 
 
@@ -33,10 +33,10 @@ def solids(*scales: float) -> SolidBatch:
 
 
 def guessed(name: str, taught: SolidBatch) -> tuple[PoseBatch, int]:
-    eyes = eyes_on(name)
-    left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
-    found, _, could = poses_from_junctions(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
+    images = images_of(name)
+    left, right = (segment_corners(joined(view.segments)) for view in images.views)
+    maps = edge_distances(images.left), edge_distances(images.right)
+    found, _, could = poses_from_junctions(meet(left, right, images.geometry), images.geometry, maps, taught)
     return found, could
 
 
@@ -125,9 +125,11 @@ def test_parts_share_the_kinds_of_their_corners() -> None:
 def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     found, could = guessed("cube", SolidBatch.of(()))
     assert len(found.poses) == could == 0
-    eyes = eyes_on("cube")
-    none = meet(*(segment_corners(view.segments) for view in eyes.views), eyes.geometry).chosen(np.zeros(0, np.intp))
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
-    found, _, could = poses_from_junctions(none, eyes.geometry, maps, solids(1.0))
+    images = images_of("cube")
+    none = meet(*(segment_corners(view.segments) for view in images.views), images.geometry).chosen(
+        np.zeros(0, np.intp)
+    )
+    maps = edge_distances(images.left), edge_distances(images.right)
+    found, _, could = poses_from_junctions(none, images.geometry, maps, solids(1.0))
     assert found.poses.shape == (0, 4, 4)
     assert could == 0

@@ -13,7 +13,7 @@ from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import CELL_MM, ScoredPoses, distinct, thinned
 from tests.fakes.solids import KNOWN
-from tests.unit.vision.hypotheses.test_corner_guesses import WHERE, eyes_on
+from tests.unit.vision.hypotheses.test_corner_guesses import WHERE, images_of
 
 NAMES = tuple(sorted(KNOWN))
 SOLIDS = SolidBatch.of([exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])
@@ -41,9 +41,9 @@ def test_so_many_of_every_bundle_are_kept_the_likeliest(drawn: list[tuple[int, i
 def test_of_what_looks_the_same_the_likeliest_comes_and_of_the_rest_the_likeliest_first() -> None:
     cube, prism = NAMES.index("cube"), NAMES.index("pentagonal_prism")
     many = guesses([cube, cube, prism, cube], [0.0, 0.5, 0.0, 25.0], [2.0, 1.0, 3.0, 0.0])
-    assert [k for k, _ in distinct(many, eyes_on("cube"))] == [3, 1, 2]
+    assert [k for k, _ in distinct(many, images_of("cube"))] == [3, 1, 2]
 
 
 @pytest.mark.parametrize("aside_mm", [-400.0, 400.0])
 def test_what_lies_outside_an_image_does_not_come(aside_mm: float) -> None:
-    assert list(distinct(guesses([0], [aside_mm], [1.0]), eyes_on("cube"))) == []
+    assert list(distinct(guesses([0], [aside_mm], [1.0]), images_of("cube"))) == []

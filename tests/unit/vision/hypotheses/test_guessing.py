@@ -30,7 +30,7 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
     assert search._varied(many).tolist() == [*range(search.OF_A_BUNDLE), 30]
 
 
-def test_where_guesses_are_few_all_are_asked_of_both_eyes() -> None:
+def test_where_guesses_are_few_all_are_asked_of_both_cameras() -> None:
     solids = SolidBatch.of((exact(CUBE.corners_mm, CUBE.facets),))
     few = ScoredPoses(PoseBatch(solids, np.zeros(9, np.intp), np.stack([WHERE] * 9)), -np.arange(9.0))
     assert search._varied(few).tolist() == list(range(9))

@@ -144,14 +144,14 @@ def guesses(name: str, *poses: Array) -> PoseBatch:
 
 
 def moved(point: Array, way: Array, by: float, farther_mm: float) -> Array:
-    """The motion that turns about a point, and then moves along the left eye's sight of it."""
+    """The motion that turns about a point, and then moves along the left camera's sight of it."""
     turn = frames.rotation_from_vector(by * way / np.linalg.norm(way))
     sight = point - np.array([-straight_rig().baseline_mm / 2, 0.0, 0.0])
     return frames.rigid(turn, point - turn @ point + farther_mm * sight / np.linalg.norm(sight))
 
 
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3), st.floats(0.02, 0.25), st.floats(-5, 5), st.integers(0, 2**31))
-def test_a_guess_beside_a_rest_is_laid_down_where_the_left_eye_sees_its_corner(
+def test_a_guess_beside_a_rest_is_laid_down_where_the_left_camera_sees_its_corner(
     name: str, which: int, spin: float, by: float, farther_mm: float, seed: int
 ) -> None:
     true = resting_pose(SOLIDS[name], which, spin)
@@ -174,7 +174,7 @@ def test_what_is_far_from_any_rest_stays_as_it_is(lifted_mm: float) -> None:
     assert still == pytest.approx(hinges)
 
 
-def test_what_both_eyes_see_comes_before_what_is_known() -> None:
+def test_what_both_cameras_see_comes_before_what_is_known() -> None:
     other = TablePlane(UP, -300.0)
     assert SupportPlane.of(None, None) is None
     assert (SupportPlane.of(TABLE, other).table, SupportPlane.of(TABLE, other).seen) == (TABLE, True)

@@ -1,4 +1,4 @@
-"""Where parts could be that rest on a table: at corners that one eye sees, turned as their edges have it."""
+"""Where parts could be that rest on a table: at corners that one camera sees, turned as their edges have it."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ NO_CORNERS = SegmentCorners(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 
 
 
 @cache
-def eyes_on(name: str) -> StereoImages:
+def images_of(name: str) -> StereoImages:
     return open_stereo(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
 
 
 @cache
 def corners_of(name: str) -> tuple[SegmentCorners, SegmentCorners]:
-    left, right = (segment_corners(joined(view.segments)) for view in eyes_on(name).views)
+    left, right = (segment_corners(joined(view.segments)) for view in images_of(name).views)
     return left, right
 
 
@@ -51,10 +51,10 @@ def below(solid: Polyhedron, where: Array) -> TablePlane:
 
 
 def guessed(name: str, *seen: SegmentCorners, by: float = 1.0) -> tuple[PoseBatch, int]:
-    eyes = eyes_on(name)
+    images = images_of(name)
     taught = SolidBatch.of([exact(SOLIDS[n].corners_mm * by, SOLIDS[n].facets) for n in NAMES])
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
-    return poses_on_support((seen[0], seen[1]), eyes.geometry, maps, below(SOLIDS[name], WHERE), taught)
+    maps = edge_distances(images.left), edge_distances(images.right)
+    return poses_on_support((seen[0], seen[1]), images.geometry, maps, below(SOLIDS[name], WHERE), taught)
 
 
 def off_mm(name: str, found: PoseBatch) -> Array:
@@ -68,10 +68,10 @@ def off_mm(name: str, found: PoseBatch) -> Array:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("eye", [0, 1])
-def test_a_part_is_guessed_where_it_is_by_corners_that_one_eye_alone_sees(name: str, eye: int) -> None:
+@pytest.mark.parametrize("camera", [0, 1])
+def test_a_part_is_guessed_where_it_is_by_corners_that_one_camera_alone_sees(name: str, camera: int) -> None:
     seen = [NO_CORNERS, NO_CORNERS]
-    seen[eye] = corners_of(name)[eye]
+    seen[camera] = corners_of(name)[camera]
     found, could = guessed(name, *seen)
     assert off_mm(name, found).min() < 2.0
     assert len(found.part) < could
@@ -93,7 +93,7 @@ def test_every_guess_rests_on_the_table(name: str) -> None:
     st.sampled_from([0, 1]),
 )  # fmt: skip
 def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
-    name: str, side: int, spin: float, x: float, seed: int, eye: int
+    name: str, side: int, spin: float, x: float, seed: int, camera: int
 ) -> None:
     """Corners as they would show: where the part lies is among what they could be, to what a kind of angle leaves."""
     rng, solid = np.random.default_rng(seed), SOLIDS[name]
@@ -104,14 +104,16 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     middle = np.array([x, rng.uniform(-40, 40), rng.uniform(280, 430)])
     where = frames.rigid(turn, middle - turn @ solid.corners_mm.mean(0))
     level = float(up @ where[:3, 3] - plane[3])
-    corners = shown(solid, where, eye)
+    corners = shown(solid, where, camera)
     turned = GEOMETRY.cyclopean_from_baseline
-    eye_mm = GEOMETRY.middle_mm + (eye - 0.5) * GEOMETRY.length_mm * turned[:, 0]
+    viewpoint_mm = GEOMETRY.middle_mm + (camera - 0.5) * GEOMETRY.length_mm * turned[:, 0]
     taught = resting_junctions_of((solid,))
-    which, at, ways = resting_junctions._possible(corners, taught, turned.T @ up, float(up @ eye_mm) - level)
+    which, at, ways = resting_junctions._possible(corners, taught, turned.T @ up, float(up @ viewpoint_mm) - level)
     best = np.inf
     for k, place, one, other in zip(which, at, *ways, strict=True):
-        from_corner = frames.rigid(turned @ resting_junctions.basis(one[None], other[None])[0], turned @ place + eye_mm)
+        from_corner = frames.rigid(
+            turned @ resting_junctions.basis(one[None], other[None])[0], turned @ place + viewpoint_mm
+        )
         off = frames.apply(from_corner @ taught.taught.corner_from_part[taught.corner[k]], solid.corners_mm)
         best = min(best, np.linalg.norm(off[:, None] - frames.apply(where, solid.corners_mm), axis=2).min(1).max())
     assert best < 2.5  # a degree of slope or bearing over the length of a part, and which of two sides it is
@@ -125,15 +127,17 @@ def taking(one: Array, to: Array) -> Array:
     return frames.rotation_from_vector(angle * axis / np.linalg.norm(axis))
 
 
-def shown(solid: Polyhedron, where: Array, eye: int) -> CameraJunctions:
-    """Every corner of a solid with every two of its edges, as one eye would see them were it of glass."""
-    points = (GEOMETRY.left, GEOMETRY.right)[eye].pixels(GEOMETRY.project(frames.apply(where, solid.corners_mm))[eye])
+def shown(solid: Polyhedron, where: Array, camera: int) -> CameraJunctions:
+    """Every corner of a solid with every two of its edges, as one camera would see them were it of glass."""
+    points = (GEOMETRY.left, GEOMETRY.right)[camera].pixels(
+        GEOMETRY.project(frames.apply(where, solid.corners_mm))[camera]
+    )
     ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
     both = [(a, b) for a in ends for b in ends if a[0] == b[0] and a[1] < b[1]]
     at = np.array([points[a[0]] for a, _ in both])
     arms = np.array([[points[a[1]], points[b[1]]] for a, b in both])
     found = SegmentCorners(at, arms, np.ones((len(both), 2), int))
-    return CameraJunctions.of(found, (GEOMETRY.left, GEOMETRY.right)[eye]).longer_first()
+    return CameraJunctions.of(found, (GEOMETRY.left, GEOMETRY.right)[camera]).longer_first()
 
 
 def test_an_edge_that_shows_longer_than_it_is_is_another_parts() -> None:
@@ -146,14 +150,14 @@ def test_an_edge_that_shows_longer_than_it_is_is_another_parts() -> None:
     assert on_it < 0.3 * (off_mm("cube", whole) < 2.0).sum()
 
 
-def test_what_the_other_eye_does_not_bear_out_is_not_guessed() -> None:
-    eyes = eyes_on("cube")
-    there = edge_distances(eyes.left), edge_distances(eyes.right)
+def test_what_the_other_camera_does_not_bear_out_is_not_guessed() -> None:
+    images = images_of("cube")
+    there = edge_distances(images.left), edge_distances(images.right)
     nothing = type(there[1])(np.zeros_like(there[1].hit), there[1].chance, there[1].scale, there[1].origin)
     table, taught = below(SOLIDS["cube"], WHERE), SolidBatch.of([SOLIDS[name] for name in NAMES])
     left = corners_of("cube")[0]
     for maps, some in ((there, True), ((there[0], nothing), False)):
-        found, could = poses_on_support((left, NO_CORNERS), eyes.geometry, maps, table, taught)
+        found, could = poses_on_support((left, NO_CORNERS), images.geometry, maps, table, taught)
         assert could
         assert bool(len(found.part)) is some
 
@@ -170,10 +174,10 @@ def test_guesses_are_few_however_many_corners_show(monkeypatch: pytest.MonkeyPat
 
 def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     assert len(guessed("cube", NO_CORNERS, NO_CORNERS)[0].part) == 0
-    eyes = eyes_on("cube")
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    images = images_of("cube")
+    maps = edge_distances(images.left), edge_distances(images.right)
     found, could = poses_on_support(
-        corners_of("cube"), eyes.geometry, maps, below(SOLIDS["cube"], WHERE), SolidBatch.of(())
+        corners_of("cube"), images.geometry, maps, below(SOLIDS["cube"], WHERE), SolidBatch.of(())
     )
     assert len(found.poses) == could == 0
 
@@ -197,19 +201,19 @@ def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
 
 
 def cube_on_a_table(up: Array, middle_mm: Array) -> tuple[Array, float]:
-    """Its pose (4, 4), and how high the left eye is over the table."""
+    """Its pose (4, 4), and how high the left camera is over the table."""
     solid = SOLIDS["cube"]
     turn = frames.rotation_from_vector(0.3 * up) @ taking(resting_planes(solid)[0, :3], -up)
     where = frames.rigid(turn, middle_mm - turn @ solid.corners_mm.mean(0))
-    eye_mm = GEOMETRY.middle_mm - 0.5 * GEOMETRY.length_mm * GEOMETRY.cyclopean_from_baseline[:, 0]
-    return where, float(up @ eye_mm - (frames.apply(where, solid.corners_mm) @ up).min())
+    viewpoint_mm = GEOMETRY.middle_mm - 0.5 * GEOMETRY.length_mm * GEOMETRY.cyclopean_from_baseline[:, 0]
+    return where, float(up @ viewpoint_mm - (frames.apply(where, solid.corners_mm) @ up).min())
 
 
 def guessed_over(table: TablePlane) -> tuple[PoseBatch, int]:
-    eyes = eyes_on("cube")
-    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    images = images_of("cube")
+    maps = edge_distances(images.left), edge_distances(images.right)
     taught = SolidBatch.of([SOLIDS[name] for name in NAMES])
-    return poses_on_support(corners_of("cube"), eyes.geometry, maps, table, taught)
+    return poses_on_support(corners_of("cube"), images.geometry, maps, table, taught)
 
 
 def test_an_edge_that_stands_up_steep_says_nothing_of_how_a_part_is_turned() -> None:

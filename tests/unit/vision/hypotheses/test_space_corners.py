@@ -1,4 +1,4 @@
-"""Corners that two eyes see meet in space, and say where a taught part would have them."""
+"""Corners that two cameras see meet in space, and say where a taught part would have them."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def edges_seen(name: str, camera) -> SegmentCorners:
 
 
 def both(name: str) -> tuple[SegmentCorners, SegmentCorners, Baseline]:
-    eyes = rig()
-    return edges_seen(name, eyes.left), edges_seen(name, eyes.right), baseline(eyes)
+    images = rig()
+    return edges_seen(name, images.left), edges_seen(name, images.right), baseline(images)
 
 
 COUNTS = [("cube", 2), ("pyramid", 9), ("triangular_prism", 6), ("pentagonal_prism", 6)]

@@ -25,7 +25,7 @@ PYRAMID = exact(KNOWN["pyramid"].corners_mm, KNOWN["pyramid"].facets)
 
 
 @cache
-def eyes() -> StereoImages:
+def images() -> StereoImages:
     return open_stereo(*print_pair(KNOWN["pyramid"], WHERE, 0), straight_rig())
 
 
@@ -35,10 +35,10 @@ def about(point: Array, way: Array, by: float) -> Array:
 
 
 def turned_best(guess: Array, hinge: Array) -> Array:
-    maps = edge_distances(eyes().left), edge_distances(eyes().right)
+    maps = edge_distances(images().left), edge_distances(images().right)
     posed = PoseBatch(SolidBatch.of((PYRAMID,)), np.zeros(1, np.intp), guess[None])
-    nats, _ = evidence(posed, eyes().geometry, maps)
-    found, tries = best_turned(ScoredPoses(posed, -nats), hinge[None], eyes().geometry, maps)
+    nats, _ = evidence(posed, images().geometry, maps)
+    found, tries = best_turned(ScoredPoses(posed, -nats), hinge[None], images().geometry, maps)
     assert tries[0] == (1.0 if np.array_equal(found.posed.poses[0], guess) else len(TURNS) + 1)
     return found.posed.poses[0]
 
@@ -57,23 +57,23 @@ def test_a_guess_that_has_no_hinge_stays_as_it_is() -> None:
     assert turned_best(guess, np.zeros((2, 3))) == pytest.approx(guess)
 
 
-def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_eye() -> None:
-    """Both of its edges point where they did; to the right eye elsewhere."""
-    left, right = (segment_corners(joined(view.segments)) for view in eyes().views)
-    maps, geometry = (edge_distances(eyes().left), edge_distances(eyes().right)), eyes().geometry
+def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_camera() -> None:
+    """Both of its edges point where they did; to the right camera elsewhere."""
+    left, right = (segment_corners(joined(view.segments)) for view in images().views)
+    maps, geometry = (edge_distances(images().left), edge_distances(images().right)), images().geometry
     taught = SolidBatch.of((PYRAMID,))
     guessed, hinges, _ = poses_from_junctions(meet(left, right, geometry), geometry, maps, taught)
-    by_eye = []
+    by_camera = []
     for guess, hinge in zip(guessed.poses[:40], hinges, strict=False):
         own = int(np.linalg.norm(frames.apply(guess, PYRAMID.corners_mm) - hinge[0], axis=1).argmin())
         ends = [a if b == own else b for a, b in PYRAMID.lines[0].tolist() if own in (a, b)]
         assert frames.apply(guess, PYRAMID.corners_mm[own : own + 1])[0] == pytest.approx(hinge[0])
         poses = guess, about(*hinge, 0.02) @ guess
         before, after = (geometry.project(frames.apply(p, PYRAMID.corners_mm)) for p in poses)
-        by_eye.append(
+        by_camera.append(
             [sorted(angle(b[ends] - b[own], a[ends] - a[own]))[1] for b, a in zip(before, after, strict=True)]
         )
-    in_left, in_right = np.median(by_eye, axis=0)
+    in_left, in_right = np.median(by_camera, axis=0)
     assert in_left < 0.1 * in_right
 
 

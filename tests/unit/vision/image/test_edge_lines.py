@@ -37,7 +37,7 @@ def painted_polygon(
 
 
 def exposed(image: NDArray[np.uint8]) -> MeasuredImage:
-    """An image of an eye without a lens."""
+    """An image of a camera without a lens."""
     return MeasuredImage(np.multiply(image, FINE, dtype=np.uint16), measure_noise(image), None)
 
 

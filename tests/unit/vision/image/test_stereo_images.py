@@ -1,4 +1,4 @@
-"""An eye is prepared once: whatever was made is kept for whoever asks next."""
+"""A camera is prepared once: whatever was made is kept for whoever asks next."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:
     assert view.scale(2) is view.scale(2)
 
 
-def test_an_eye_that_sees_nothing_is_not_smoothed() -> None:
+def test_a_camera_that_sees_nothing_is_not_smoothed() -> None:
     grey = np.random.default_rng(2).normal(120, 2, (480, 640)).round().astype(np.uint8)
-    view = CameraImage(cube_seen().eye, grey)
+    view = CameraImage(cube_seen().rectified, grey)
     assert view.rough(VisionSettings()) == []
     assert "smooth" not in vars(view)
 
@@ -66,9 +66,9 @@ def test_segments_are_where_they_are_in_the_image_and_sought_near_edges_alone(mo
         assert np.hypot(*(found.end - end).T).min() < 2.5
 
 
-def test_an_eye_that_sees_nothing_has_no_segments() -> None:
+def test_a_camera_that_sees_nothing_has_no_segments() -> None:
     grey = np.random.default_rng(2).normal(120, 2, (480, 640)).round().astype(np.uint8)
-    assert len(CameraImage(cube_seen().eye, grey).segments.start) == 0
+    assert len(CameraImage(cube_seen().rectified, grey).segments.start) == 0
 
 
 def test_a_pair_of_another_size_than_calibrated_is_refused() -> None:

@@ -94,7 +94,7 @@ def test_a_cap_and_a_pit_that_are_away_show_nothing_though_the_other_sides_are_n
 
 
 def _facing(towards: np.ndarray) -> np.ndarray:
-    """(3, 3) a rotation that turns a direction to the eyes (-z), a little aside."""
+    """(3, 3) a rotation that turns a direction to the cameras (-z), a little aside."""
     aside = np.cross(towards, [0.3, 0.5, 0.8])
     aside /= np.linalg.norm(aside)
     return np.array([aside, np.cross(-towards, aside), -towards])

@@ -43,7 +43,7 @@ def rounded() -> Polyhedron:
 
 
 @cache
-def eyes() -> StereoImages:
+def images() -> StereoImages:
     """It at WHERE, painted with an arc of many chords."""
     corners, rings = prism(outline(120), HIGH_MM)
     middle = corners[:2].mean(0) - rounded().corners_mm[np.argsort(rounded().corners_mm[:, 0])[:4]].mean(0)
@@ -93,7 +93,7 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
     laid = SolidBatch.of([rounded()])
     turns = np.linspace(-np.pi / 2, np.pi / 2, 2000)
     for edges, view in zip(
-        expected(laid, eyes(), WHERE[None], np.ones(1, bool), TOLERANCE_MM), eyes().views, strict=True
+        expected(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM), images().views, strict=True
     ):
         bowed = np.flatnonzero(np.abs(edges.bow).max(1) > 0)
         assert len(bowed) >= 4
@@ -104,7 +104,7 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
         normal = (edges.start - edges.end)[:, ::-1] * [-1.0, 1.0] / edges.lengths_px[:, None]
         for k, middle in zip(bowed, level, strict=True):
             arc = middle + RADIUS_MM * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
-            arc_px = view.eye.camera.project(frames.apply(WHERE, arc))
+            arc_px = view.rectified.camera.project(frames.apply(WHERE, arc))
             for share, bow in zip((0.0, 0.5, 1.0), edges.bow[k], strict=True):
                 at = edges.start[k] + share * (edges.end[k] - edges.start[k]) + bow * normal[k]
                 assert np.linalg.norm(arc_px - at, axis=1).min() < 0.15
@@ -120,7 +120,7 @@ def round_end_first() -> Array:
 def test_the_wall_beyond_an_arc_shows_its_far_rim_and_makes_its_near_one_an_inner_edge() -> None:
     def edges(solid: Polyhedron) -> dict[tuple[int, ...], bool]:
         laid, at = SolidBatch.of([solid]), round_end_first()[None]
-        left, _ = expected(laid, eyes(), at, np.ones(1, bool), TOLERANCE_MM)
+        left, _ = expected(laid, images(), at, np.ones(1, bool), TOLERANCE_MM)
         return dict(zip(map(tuple, left.ends.tolist()), left.outline.tolist(), strict=True))
 
     with_wall, without = edges(rounded()), edges(replace(rounded(), arcs=()))
@@ -131,7 +131,7 @@ def test_the_wall_beyond_an_arc_shows_its_far_rim_and_makes_its_near_one_an_inne
     assert inner
     assert not low[np.array(inner)].any()
     number = {tuple(ends): k for k, ends in enumerate(rounded().lines[0].tolist())}
-    places = edge_places(rounded(), round_end_first(), eyes())[0]
+    places = edge_places(rounded(), round_end_first(), images())[0]
     assert all(places.visible[number[ends]].any() and places.weight[number[ends]] == 1.0 for ends in far)
     assert all(places.weight[number[ends]] < 1.0 for ends in inner)
 
@@ -140,12 +140,12 @@ def test_arcs_hold_a_pose_that_chords_would_bend() -> None:
     near = WHERE @ frames.rigid(frames.rotation_from_vector(np.array([0.01, -0.02, 0.015])), np.array([0.8, -0.5, 0.6]))
     off = []
     for solid in (rounded(), replace(rounded(), arcs=())):
-        found = aligned_to_edges(SolidBatch.of([solid]), eyes(), near[None], TOLERANCE_MM)[0]
+        found = aligned_to_edges(SolidBatch.of([solid]), images(), near[None], TOLERANCE_MM)[0]
         there = frames.apply(WHERE, solid.corners_mm)
         off.append(np.linalg.norm(frames.apply(found, solid.corners_mm) - there, axis=1).max())
     assert off[0] < 0.5
     assert off[0] < 0.8 * off[1]
-    both = edge_samples_of(SolidBatch.of([rounded()]), eyes(), WHERE[None], TOLERANCE_MM)
+    both = edge_samples_of(SolidBatch.of([rounded()]), images(), WHERE[None], TOLERANCE_MM)
     assert all(seen.shows[seen.edges.outline].all() for seen in both)
 
 

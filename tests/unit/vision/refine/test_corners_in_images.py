@@ -14,7 +14,7 @@ from daemon.vision.refine.expected_edges import across, corners_in, moved, off_p
 CUBE = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (-20.0, 20)])
 
 
-def eye(side: float) -> Camera:
+def camera(side: float) -> Camera:
     turn = frames.rotation_from_vector(np.array([0.01, -0.08 * side, 0.02]))
     matrix = np.array([[700.0, 0, 322], [0, 698.0, 238], [0, 0, 1]])
     return Camera(matrix, np.array([-0.1, 0.05, 1e-3, -5e-4, 0.01]), frames.rigid(turn, np.array([30.0 * side, 0, 0])))
@@ -28,11 +28,11 @@ poses = st.builds(
 
 
 @given(pose=poses, side=st.sampled_from([-1.0, 1.0]))
-def test_corners_move_in_an_eye_as_their_slopes_say(pose, side):
-    px, slope = (of_cameras[0] for of_cameras in corners_in([eye(side)], pose, CUBE))
-    assert px == pytest.approx(eye(side).project(frames.apply(pose, CUBE)), abs=1e-9)
+def test_corners_move_in_a_camera_as_their_slopes_say(pose, side):
+    px, slope = (of_cameras[0] for of_cameras in corners_in([camera(side)], pose, CUBE))
+    assert px == pytest.approx(camera(side).project(frames.apply(pose, CUBE)), abs=1e-9)
     for k, step in enumerate(np.diag([0.01] * 3 + [1e-4] * 3)):
-        ends = [corners_in([eye(side)], frames.perturb(pose, way * step), CUBE)[0][0] for way in (1, -1)]
+        ends = [corners_in([camera(side)], frames.perturb(pose, way * step), CUBE)[0][0] for way in (1, -1)]
         assert slope[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step[k]), abs=1e-2)
 
 

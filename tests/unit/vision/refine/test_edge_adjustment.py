@@ -1,4 +1,5 @@
-"""A part that is not quite as taught: its corners give way together in both eyes, its place stays where they meet."""
+"""A part that is not quite as taught: its corners give way together in both cameras, its place stays where they
+meet."""
 
 from dataclasses import replace
 
@@ -21,8 +22,8 @@ TOLERANCE_MM = 0.25
 def fitted(corners_mm):
     """A painted part with these corners, fitted as the taught cube."""
     rng, shape = np.random.default_rng(4), exact(CUBE.corners_mm, CUBE.facets)
-    eyes = open_stereo(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
-    located = locate(shape, eyes, WHERE, 3.0)
+    images = open_stereo(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
+    located = locate(shape, images, WHERE, 3.0)
     assert located is not None
     return shape, located, adjusted(shape, located.pose, located.observed, TOLERANCE_MM)
 
@@ -56,7 +57,7 @@ def test_the_pose_is_as_near_as_its_covariance_says():
 
 
 def made_otherwise(located, off_mm):
-    """The lines of both eyes as a part has them whose corners are off (K, 3) mm, cyclopean."""
+    """The lines of both cameras as a part has them whose corners are off (K, 3) mm, cyclopean."""
     for seen in located.observed:
         ends = (seen.edges.by_corner * off_mm[seen.edges.ends][:, None]).sum((2, 3))
         yield replace(seen, off=seen.off + ends)
@@ -134,7 +135,7 @@ def test_wear_is_believed_where_it_is_seen():
 
 
 def contradicting(located, rng):
-    """The lines of both eyes, some much surer than others, all of them astray by .4 px at either end."""
+    """The lines of both cameras, some much surer than others, all of them astray by .4 px at either end."""
     for seen in located.observed:
         as_sure = seen.sides.covariance * rng.choice([0.2, 20.0], len(seen.off))[:, None, None]
         off = seen.off + rng.normal(0.0, 0.4, seen.off.shape)

@@ -78,23 +78,23 @@ def test_an_empty_table_shows_no_part(label):
 def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
     rng, shape = np.random.default_rng(3), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert fit_edges(shape, eyes, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
+    images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
+    assert fit_edges(shape, images, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
 def test_another_part_in_its_place_is_not_taken_for_it(label):
     rng = np.random.default_rng(4)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert [other for other in KNOWN if other != label and fit_edges(shape_of(other), eyes, where)] == []
+    images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
+    assert [other for other in KNOWN if other != label and fit_edges(shape_of(other), images, where)] == []
 
 
 def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it():
     rng, shape = np.random.default_rng(5), shape_of("pentagonal_prism")
     where = frames.rigid(np.eye(3), np.array([0.0, -62.0, 0.0])) @ pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_stereo(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
-    fit = fit_edges(shape, eyes, near(where, rng))
+    images = open_stereo(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
+    fit = fit_edges(shape, images, near(where, rng))
     assert fit is not None
     assert error(fit, where, shape)[0] < 1.0
 
@@ -103,9 +103,9 @@ def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it()
 @pytest.mark.parametrize("label", ["cube", "pentagonal_prism"])
 def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label, off_mm):
     rng, shape, where = np.random.default_rng(3), shape_of(label), pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
+    images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     thought = frames.perturb(where, np.array([off_mm, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    fit = settled(shape, eyes, thought, 9.0)
+    fit = settled(shape, images, thought, 9.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < min(0.4, 3 * float(np.sqrt(np.trace(fit.covariance[:3, :3]))))
@@ -123,8 +123,8 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     rng, shape = np.random.default_rng(1), shape_of("cube")
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
-    eyes = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
-    assert (fit_edges(shape, eyes, where) is not None) == followed
+    images = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
+    assert (fit_edges(shape, images, where) is not None) == followed
 
 
 @pytest.mark.parametrize("beside_mm", [2.2, 2.8, 3.4])
@@ -139,8 +139,8 @@ def test_a_stripe_printed_beside_a_faint_ridge_is_not_taken_for_the_ridge(monkey
     low, away, high = prism.corners_mm[[0, 1, 3]]
     near_side, far_side = (d * (away - low) / np.linalg.norm(away - low) for d in (beside_mm, beside_mm + 1.0))
     stripe = Body(np.array([low + near_side, low + far_side, high + far_side, high + near_side]), ((0, 1, 2, 3),))
-    eyes = open_stereo(*paint_pair([(prism, where), (stripe, where)], rng), rig())
-    fit = fit_edges(shape_of("triangular_prism"), eyes, near(where, rng), 6.0)
+    images = open_stereo(*paint_pair([(prism, where), (stripe, where)], rng), rig())
+    fit = fit_edges(shape_of("triangular_prism"), images, near(where, rng), 6.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape_of("triangular_prism"))
     assert error_mm < 0.3
@@ -154,9 +154,9 @@ LAID = [exact(KNOWN[label].corners_mm, KNOWN[label].facets) for label in ("cube"
 
 
 def test_a_part_is_located_where_it_lies_and_neither_elsewhere_nor_as_another() -> None:
-    eyes = open_stereo(*paint_pair([(KNOWN["cube"], STANDS)], np.random.default_rng(1)), rig())
+    images = open_stereo(*paint_pair([(KNOWN["cube"], STANDS)], np.random.default_rng(1)), rig())
     starts = [frames.perturb(STANDS, motion) for motion in (A_LITTLE, A_LITTLE, AWAY, -A_LITTLE)]
-    found = [locate(shape, eyes, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
+    found = [locate(shape, images, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
     assert [one is not None for one in found] == [True, False, False, True]
 
 
@@ -169,8 +169,8 @@ def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> Non
     shape, where = exact(corners - corners.mean(axis=0), rings), pose(np.array(view), 0.3, 300.0)
     farthest_first = np.argsort(-np.linalg.norm(frames.apply(where, shape.centres_mm), axis=1))
     shape = exact(shape.corners_mm, [rings[k] for k in farthest_first])
-    eyes = open_stereo(*paint_pair([(shape, where)], np.random.default_rng(1)), rig())
-    fit = fit_edges(shape, eyes, frames.perturb(where, A_LITTLE))
+    images = open_stereo(*paint_pair([(shape, where)], np.random.default_rng(1)), rig())
+    fit = fit_edges(shape, images, frames.perturb(where, A_LITTLE))
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < 0.4
@@ -178,9 +178,9 @@ def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> Non
 
 
 def test_a_part_out_of_view_is_not_located() -> None:
-    eyes = open_stereo(*paint_pair([], np.random.default_rng(1)), rig())
+    images = open_stereo(*paint_pair([], np.random.default_rng(1)), rig())
     aside = frames.rigid(np.eye(3), np.array([2000.0, 0.0, 400.0]))
-    assert locate(LAID[0], eyes, aside, 2.0) is None
+    assert locate(LAID[0], images, aside, 2.0) is None
 
 
 def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
@@ -198,12 +198,12 @@ def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
 def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_its_pose(monkeypatch, led):
     rng, shape = np.random.default_rng(1), shape_of("cube")
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_stereo(*paint_pair([(KNOWN["cube"], where)], rng), rig())
+    images = open_stereo(*paint_pair([(KNOWN["cube"], where)], rng), rig())
     away = frames.perturb(where, np.array(led))
     monkeypatch.setattr(
         edge_pose, "adjusted", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.array(led))
     )
-    fit, observed = fit_at(shape, eyes, where, 0.25)
+    fit, observed = fit_at(shape, images, where, 0.25)
     np.testing.assert_array_equal(fit.cyclopean_from_part, where)
     assert np.sqrt(np.trace(fit.covariance[:3, :3])) > 5.0
     assert all(seen.sides is not None for seen in observed)
@@ -211,8 +211,8 @@ def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_it
 
 def test_a_side_that_is_off_its_place_tells_less_of_its_corners() -> None:
     where, shape = pose(np.array(VIEWS[0]), 0.3, 300.0), shape_of("cube")
-    eyes = open_stereo(*paint_pair([(KNOWN["cube"], where)], np.random.default_rng(1)), rig())
-    located = locate(shape, eyes, where, 2.0)
+    images = open_stereo(*paint_pair([(KNOWN["cube"], where)], np.random.default_rng(1)), rig())
+    located = locate(shape, images, where, 2.0)
     assert located is not None
     left, right = located.observed
     side = int(np.flatnonzero(left.on_place & left.edges.outline)[0])

@@ -21,7 +21,7 @@ TOLERANCE_MM = 0.25
 
 
 @cache
-def eyes_on(name: str | None) -> StereoImages:
+def images_of(name: str | None) -> StereoImages:
     return open_stereo(*print_pair(None if name is None else KNOWN[name], WHERE, 3), straight_rig())
 
 
@@ -33,8 +33,8 @@ def moved(motion: list[float]) -> Array:
     return frames.perturb(WHERE, np.array(motion))
 
 
-def said(name: str, where: Array, eyes: StereoImages) -> EdgeEvidence:
-    return EdgeEvidence.of(edge_samples_of(SolidBatch.of([shape(name)]), eyes, where[None], TOLERANCE_MM))
+def said(name: str, where: Array, images: StereoImages) -> EdgeEvidence:
+    return EdgeEvidence.of(edge_samples_of(SolidBatch.of([shape(name)]), images, where[None], TOLERANCE_MM))
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
@@ -42,7 +42,7 @@ def test_near_poses_settle_where_the_part_is(name: str) -> None:
     solid, rng = shape(name), np.random.default_rng(4)
     scale = [0.8, 0.8, 2.0, *[np.radians(1.0)] * 3]
     near = np.stack([moved((rng.normal(size=6) * scale).tolist()) for _ in range(8)])
-    found = aligned_to_edges(SolidBatch.of([solid] * 8), eyes_on(name), near, TOLERANCE_MM)
+    found = aligned_to_edges(SolidBatch.of([solid] * 8), images_of(name), near, TOLERANCE_MM)
     corners = frames.apply(WHERE, solid.corners_mm)
     before, after = (
         np.array([np.linalg.norm(frames.apply(p, solid.corners_mm) - corners, axis=1).max() for p in poses])
@@ -54,10 +54,10 @@ def test_near_poses_settle_where_the_part_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
 def test_much_speaks_for_a_part_where_it_is_and_little_elsewhere(name: str) -> None:
-    here = said(name, WHERE, eyes_on(name))
+    here = said(name, WHERE, images_of(name))
     assert here.share > 0.7
     for motion in ([6.0, 0, 0, 0, 0, 0], [0, 6.0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0.2]):
-        there = said(name, moved(motion), eyes_on(name))
+        there = said(name, moved(motion), images_of(name))
         assert there.nats < 0.5 * here.nats
         assert there.share < 0.5
 
@@ -65,23 +65,23 @@ def test_much_speaks_for_a_part_where_it_is_and_little_elsewhere(name: str) -> N
 def test_a_patterned_table_says_no_more_than_chance() -> None:
     rng = np.random.default_rng(5)
     places = [moved((rng.normal(size=6) * [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]).tolist()) for _ in range(20)]
-    assert max(said("cube", where, eyes_on(None)).share for where in places) < 0.1
+    assert max(said("cube", where, images_of(None)).share for where in places) < 0.1
 
 
 def test_what_one_says_does_not_hang_on_what_is_laid_beside_it() -> None:
     solids = [shape("cube"), shape("pyramid")]
     laid = SolidBatch.of(solids)
-    both = edge_samples_of(laid, eyes_on("cube"), np.stack([WHERE, WHERE]), TOLERANCE_MM)
+    both = edge_samples_of(laid, images_of("cube"), np.stack([WHERE, WHERE]), TOLERANCE_MM)
     for k, name in enumerate(("cube", "pyramid")):
         assert EdgeEvidence.of([seen.only(k, laid) for seen in both]) == pytest.approx(
-            said(name, WHERE, eyes_on("cube"))
+            said(name, WHERE, images_of("cube"))
         )
 
 
 def test_edges_that_show_are_told_from_those_that_do_not() -> None:
     laid = SolidBatch.of([shape("cube")])
     on, off = (
-        np.concatenate([seen.shows for seen in edge_samples_of(laid, eyes_on("cube"), where[None], TOLERANCE_MM)])
+        np.concatenate([seen.shows for seen in edge_samples_of(laid, images_of("cube"), where[None], TOLERANCE_MM)])
         for where in (WHERE, moved([0, 0, 0, 0.1, 0.1, 0.15]))
     )
     assert on.mean() > 0.8
@@ -91,6 +91,6 @@ def test_edges_that_show_are_told_from_those_that_do_not() -> None:
 def test_a_part_outside_the_images_stays_where_it_was_thought_and_has_no_evidence() -> None:
     away = moved([900.0, 0, 0, 0, 0, 0])
     assert np.array_equal(
-        aligned_to_edges(SolidBatch.of([shape("cube")]), eyes_on("cube"), away[None], TOLERANCE_MM)[0], away
+        aligned_to_edges(SolidBatch.of([shape("cube")]), images_of("cube"), away[None], TOLERANCE_MM)[0], away
     )
-    assert said("cube", away, eyes_on("cube")) == (0.0, 0.0)
+    assert said("cube", away, images_of("cube")) == (0.0, 0.0)

@@ -30,13 +30,13 @@ def cube_at(where, label="cube", sigma_mm=0.6):
     return Part(taken, (), where, covariance, 0.3, fitted, np.stack([where, where @ QUARTER]))
 
 
-def eyes_on(body):
+def images_of(body):
     return open_stereo(*paint_pair([(body, WHERE)], np.random.default_rng(5), rig()), rig())
 
 
 def test_a_named_part_is_moved_to_its_edges_with_its_corners_and_all_it_may_equally_be():
-    eyes, thought = eyes_on(CUBE), cube_at(frames.perturb(WHERE, OFF))
-    (found,) = refined_parts([thought], MODEL, eyes)
+    images, thought = images_of(CUBE), cube_at(frames.perturb(WHERE, OFF))
+    (found,) = refined_parts([thought], MODEL, images)
     assert np.linalg.norm(frames.difference(found.cyclopean_from_part, WHERE)[:3]) < 0.25
     truth = frames.apply(WHERE, CUBE.corners_mm)
     for corner in np.concatenate(found.fitted_mm):
@@ -48,9 +48,9 @@ def test_a_named_part_is_moved_to_its_edges_with_its_corners_and_all_it_may_equa
 
 def test_what_has_no_name_stays_as_it_was_measured():
     thought = cube_at(frames.perturb(WHERE, OFF), UNKNOWN)
-    assert refined_parts([thought], MODEL, eyes_on(CUBE)) == (thought,)
+    assert refined_parts([thought], MODEL, images_of(CUBE)) == (thought,)
 
 
 def test_a_part_whose_edges_are_another_s_stays_as_it_was_measured():
     thought = cube_at(frames.perturb(WHERE, OFF), sigma_mm=0.1)
-    assert refined_parts([thought], MODEL, eyes_on(PYRAMID)) == (thought,)
+    assert refined_parts([thought], MODEL, images_of(PYRAMID)) == (thought,)
