@@ -52,7 +52,7 @@ class PartShape:
 
 def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
     """Convex hull of (N, 3) points, up to a hundred; triangles coplanar within flat_mm are one face."""
-    found: dict[tuple[int, ...], Array] = {}
+    found: dict[bytes, tuple[tuple[int, ...], Array]] = {}
     triples = np.array(list(combinations(range(len(points)), 3)))
     for some in np.array_split(triples, len(triples) // AT_ONCE + 1):
         a, b, c = (points[some[:, k]] for k in range(3))
@@ -60,38 +60,30 @@ def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
         length = np.maximum(np.linalg.norm(crossed, axis=1), 1e-300)
         off = (points @ (crossed / length[:, None]).T) - np.sum(a * crossed, axis=1) / length
         outside = (length >= flat_mm) & ((off.max(axis=0) < flat_mm) | (off.min(axis=0) > -flat_mm))
-        for i, j, k in some[outside]:
-            _take_faces(found, points, (i, j, k), flat_mm)
-    faces = tuple(_loop(points, members, normal) for members, normal in found.items())
-    normals = np.array(list(found.values()))
+        outward = np.where(off.min(axis=0) > -flat_mm, -1.0, 1.0)[outside]
+        on = (off[:, outside] * outward > -flat_mm).T
+        for members, normal in zip(on, (outward / length[outside])[:, None] * crossed[outside], strict=True):
+            key = members.tobytes()
+            found[key] = (found[key][0] if key in found else tuple(np.flatnonzero(members))), normal
+    faces = tuple(_loop(points, members, normal) for members, normal in found.values())
+    normals = np.array([normal for _, normal in found.values()])
     offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
     return ConvexSolid(points, faces, normals, offsets)
 
 
-def _take_faces(
-    found: dict[tuple[int, ...], Array], points: Array, triple: tuple[int, int, int], flat_mm: float
-) -> None:
-    """Add the face through three points where all others are on one side of it."""
-    i, j, k = triple
-    normal = np.cross(points[j] - points[i], points[k] - points[i])
-    length = np.linalg.norm(normal)
-    for outward in (normal / length, -normal / length):
-        above = points @ outward - points[i] @ outward
-        if above.max() < flat_mm:
-            found[tuple(np.flatnonzero(above > -flat_mm))] = outward
-
-
 def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, ...]:
     """The extreme points among coplanar members, anticlockwise about the outward normal."""
-    flat = points[list(members)] - points[list(members)].mean(axis=0)
-    across = flat[np.argmax(np.linalg.norm(flat, axis=1))]
-    ring = list(np.argsort(np.arctan2(flat @ np.cross(normal, across), flat @ across)))
-    i = int(np.argmax(np.linalg.norm(flat[ring], axis=1)))
+    spread = points[list(members)] - points[list(members)].mean(axis=0)
+    across = spread[np.argmax(np.linalg.norm(spread, axis=1))]
+    across = across / np.linalg.norm(across)
+    flat = spread @ np.column_stack([across, np.cross(normal, across)])
+    ring = list(np.argsort(np.arctan2(flat[:, 1], flat[:, 0])))
+    i = int(np.argmax(np.linalg.norm(spread[ring], axis=1)))
     ring = ring[i:] + ring[:i]
     k, kept = 1, 0
     while kept < len(ring):
-        before, here, after = (flat[ring[(k + step) % len(ring)]] for step in (-1, 0, 1))
-        if np.cross(here - before, after - here) @ normal > FLAT_MM:
+        (x0, y0), (x1, y1), (x2, y2) = (flat[ring[(k + step) % len(ring)]].tolist() for step in (-1, 0, 1))
+        if (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1) > FLAT_MM:
             k, kept = k + 1, kept + 1
         else:
             ring.pop(k % len(ring))
