@@ -140,9 +140,15 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
         found = _beside(markers, (middles + 0.5) / scale - 0.5, board)
         if len(found[0]) > len(best[0]):
             best = found
-        if len(best[0]) >= FEWEST_CORNERS:
+        if len(best[0]) >= FEWEST_CORNERS and _readable(best[1], board):
             break
     return best
+
+
+def _readable(corners: Array, board: Board) -> bool:
+    """Whether the markers between these corners are wide enough for all of them to be read."""
+    modules = dictionary_named(board.dictionary).markerSize + 2
+    return float(np.median(nearest_px(corners))) * board.marker_share >= LEAST_MODULE_PX * modules
 
 
 def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:

@@ -183,6 +183,14 @@ def test_the_smallest_layout_that_numbers_the_markers_in_view_is_found_as_by_try
     assert _best_layout(ids, middles, named) == every[int(np.argmax(agreeing))]
 
 
+@pytest.mark.parametrize("seed", [0, 4, 6])
+def test_where_few_markers_are_wide_enough_the_others_are_read_in_the_enlarged_image(seed: int) -> None:
+    """Eight corners were enough to look no further, and then one of them was not clear."""
+    board, rng = Board(9, 6, 16.0, "charuco"), np.random.default_rng(seed)
+    image = Painter(RIG.left, board, blur_px=0.6).picture(tilted(board, rng, 800.0), rng)
+    assert len(find_board(image, board).corner_ids) >= 44
+
+
 def test_three_by_three_corners_of_any_pattern_are_no_board_of_that_size() -> None:
     """OpenCV finds so many in noise."""
     noise = np.random.default_rng(3).integers(0, 255, (480, 640)).astype(np.uint8)
