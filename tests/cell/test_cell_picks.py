@@ -14,6 +14,7 @@ from drivers.simcell.controller import LineFault, Mishap
 from tests.fakes import simulated_cell
 from tests.fakes.chosen import few
 from tests.fakes.simulated_cell import rig
+from tests.fakes.waiting import until_so
 
 pytestmark = pytest.mark.slow
 
@@ -224,8 +225,7 @@ def test_stop_in_mid_move_brings_the_arm_to_rest_where_it_is(model):
             here.cell.clear()
             start = here.cell.world_from_tool()[:3, 3]
             task = asyncio.create_task(here.cycle.go("home"))
-            while np.linalg.norm(here.cell.world_from_tool()[:3, 3] - start) < 20.0:
-                await asyncio.sleep(0.005)
+            await until_so(lambda: np.linalg.norm(here.cell.world_from_tool()[:3, 3] - start) >= 20.0)
             await here.cycle.supervisor.stop()
             results = await asyncio.gather(task, return_exceptions=True)
             at = here.cell.world_from_tool()

@@ -30,6 +30,7 @@ from drivers.val2.link import Link
 from tests.fakes.arm_line import QUICK, ArmLine, line_in_time
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.simulated_time import SimulatedLoop
+from tests.fakes.waiting import until_so
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 
@@ -73,8 +74,7 @@ def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_els
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 4")
             task = asyncio.create_task(arm.monitor("DO READY"))
-            while not moving(line):
-                await asyncio.sleep(0.01)
+            await until_so(lambda: moving(line))
             assert arm.aside
             await task
             assert not moving(line)
@@ -92,8 +92,7 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
             await arm.monitor("SPEED 4")
             async with arm.terminal(lambda _: None, print) as send:
                 send(b"DO READY\r")
-                while not moving(line):
-                    await asyncio.sleep(0.01)
+                await until_so(lambda: moving(line))
             assert not moving(line)
 
     runner.run(story())

@@ -28,6 +28,7 @@ from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_cell import CONFIG
 from tests.fakes.simulated_hours import Hours, cell_in_time
 from tests.fakes.simulated_time import SimulatedLoop
+from tests.fakes.waiting import until_so
 
 FAULT = "CameraError: simulated pair: no frame within 5.00 s (right camera unplugged)"
 
@@ -329,8 +330,7 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
         here.cell.camera.set_fault("right", "away")
         supervisor = here.cycle.supervisor
         pick = supervisor.begin("pick", here.cycle._one(ALL))
-        while not (supervisor.stopping or pick.done()):
-            await asyncio.sleep(0.01)
+        await until_so(lambda: supervisor.stopping or pick.done())
         await supervisor.abort()
         assert (await pick).outcome == "fault"
         assert started == []

@@ -13,6 +13,7 @@ from daemon.arm.permit import MotionPermit
 from daemon.commands import step_mode
 from daemon.commands.step_mode import with_questions
 from daemon.console.notices import Notices
+from tests.fakes.waiting import until_so
 
 
 class Asked:
@@ -52,15 +53,13 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
 
     async def play() -> None:
         motion = asyncio.create_task(with_questions(context, twice(), frontend))  # type: ignore[arg-type]
-        while not frontend.questions:
-            await asyncio.sleep(0.001)
+        await until_so(lambda: frontend.questions)
         first = hold.waiting
         hold.confirm()
         while hold.waiting in (None, first):
             await asyncio.sleep(0)
         frontend.questions[0].set_result("y")
-        while len(frontend.questions) < 2:
-            await asyncio.sleep(0.001)
+        await until_so(lambda: len(frontend.questions) >= 2)
         assert hold.waiting is not None, "nobody was asked about it"
         frontend.questions[1].set_result("y")
         await asyncio.wait_for(motion, 5)

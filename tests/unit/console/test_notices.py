@@ -226,11 +226,9 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
 
     async def run() -> str:
         waiting = asyncio.create_task(with_questions(context, move(), frontend))  # type: ignore[arg-type]
-        while not frontend.asked:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: frontend.asked)
         state["waiting"] = None
-        while not frontend.withdrawn:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: frontend.withdrawn)
         decided.set()
         return await waiting
 

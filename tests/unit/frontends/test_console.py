@@ -29,6 +29,7 @@ from daemon.frontends import client, console, keyboard
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.frontends.keyboard import InputLines
 from tests.fakes.person import Person, piped
+from tests.fakes.waiting import until
 
 
 class Played:
@@ -129,8 +130,7 @@ def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_an
             with DaemonLink(place) as link:
                 talking = threading.Thread(target=console.converse, args=(link,), daemon=True)
                 talking.start()
-                while not heard:
-                    time.sleep(0.001)
+                until(lambda: heard)
                 program.write("where\nstop\n")
                 program.close()
                 talking.join(5)
@@ -375,8 +375,7 @@ def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch
         monkeypatch.setattr(sys, "stdin", stdin)
         with InputLines(nobody_stops, print) as typed:
             keys.write("go bin\ny\n")
-            while typed.waiting.qsize() < 2:
-                time.sleep(0.001)
+            until(lambda: typed.waiting.qsize() >= 2)
             typed_later(keys.write, "n\n")
             assert typed.answer("Send it? [y/n]") == "n"
             keys.write("where")

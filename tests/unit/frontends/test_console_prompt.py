@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from tests.fakes.person import Person
 from tests.fakes.running import Running, judged_daemon
+from tests.fakes.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +62,7 @@ def test_stop_is_heard_while_a_command_is_being_done_and_what_was_typed_ahead_is
     daemon: Running, person: Person
 ) -> None:
     person.types("go survey\rgo bin\r")
-    while daemon.do("status")["data"]["doing"] != "survey":
-        time.sleep(0.02)
-    time.sleep(0.2)
+    until(lambda: daemon.do("status")["data"]["doing"] == "survey")
     person.types("stop\r")
     person.sees("Stopped. Nothing moves until `resume`.", within_s=2.0)
     person.sees("go bin: not done; the arm was stopped after you typed it")

@@ -40,7 +40,7 @@ from daemon.frontends.socket_server import (
 )
 from daemon.store.folders import HOUSE
 from tests.fakes.fake_context import fake_context
-from tests.fakes.waiting import until_so
+from tests.fakes.waiting import until, until_so
 
 EVERYBODY = Rights(ConsoleSettings())
 
@@ -215,9 +215,11 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
             for text in ("go home", "pick cube", stop):
                 file.write(json.dumps({"do": text}).encode() + b"\n")
                 file.flush()
-                time.sleep(0.2)
-            for _ in range(3):
-                answers.append(json.loads(file.readline())["done"])
+                if text == "go home":
+                    until(lambda: context.cycle.doing is not None)
+                if text == "pick cube":
+                    answers.append(json.loads(file.readline())["done"])
+            answers += [json.loads(file.readline())["done"] for _ in range(2)]
             return answers
 
     context = fake_context(tmp_path)
@@ -363,8 +365,8 @@ def test_control_c_stops_the_arm_while_a_command_is_being_done() -> None:
     async def play(terminal: Terminals, _: SerialFrontend) -> None:
         await terminal.sees("facetd> ")
         await terminal.type(b"go home\r")
-        while terminal.cycle.doing != "home":  # it has the line before the next is read, and is begun when it may
-            await asyncio.sleep(0.005)
+        # It has the line before the next is read, and is begun when it may.
+        await until_so(lambda: terminal.cycle.doing == "home")
         await terminal.type(b"status\rgo bin\r")
         await terminal.sees("doing     home")
         began = time.monotonic()
@@ -551,16 +553,14 @@ def test_a_stop_is_heard_over_the_socket_however_it_comes_while_something_moves(
         writer.write(b'{"do": "holding no", "door": "\\ud800\\u0007"}\n')
         await reader.readline()
         writer.write(SLOW)
-        while context.cycle.doing is None:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: context.cycle.doing is not None)
 
         def full(*_: object, **__: object) -> None:
             raise OSError(28, "No space left on device")
 
         context.log.record = full
         writer.write(line + b"\n")
-        while context.cycle.doing is not None:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: context.cycle.doing is None)
         writer.close()
         await server.close()
 
@@ -578,8 +578,7 @@ def test_the_leave_to_move_is_taken_also_by_what_was_to_answer_a_question(tmp_pa
             frontend.settimeout(5)
             frontend.connect(str(path))
             frontend.sendall(SLOW)
-            while context.cycle.doing is None:
-                time.sleep(0.01)
+            until(lambda: context.cycle.doing is not None)
             frontend.sendall(line + b"\n")
             assert b"The arm is disabled" in frontend.recv(4096)
 

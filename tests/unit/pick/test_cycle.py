@@ -15,6 +15,7 @@ from daemon.pick.settings import Settings
 from daemon.vision.values import Cause, Polygon, Recognition, Rejected
 from drivers.simcell import parts
 from tests.fakes.fake_cell import World, build, cycle_of, one_part
+from tests.fakes.waiting import until_so
 
 
 def cleared(world: World, settings: Settings | None = None, **options):
@@ -94,8 +95,7 @@ def test_an_empty_table_is_looked_at_again_at_the_interval():
 
     async def wait_then_lay_a_part():
         task = asyncio.create_task(cycle.auto(PickOrder(1, 0.01)))
-        while not world.said("cycle_end"):
-            await asyncio.sleep(0.005)
+        await until_so(lambda: world.said("cycle_end"))
         world.put("cube", 520, 0, 0.3)
         return await asyncio.wait_for(task, 60)
 

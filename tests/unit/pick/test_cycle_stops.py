@@ -15,6 +15,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.transitions import PickState
 from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.fakes.in_time import lived
+from tests.fakes.waiting import until_so
 
 LOST = FaultCause(CauseCode.CAMERA_LOST)
 
@@ -205,8 +206,7 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
         task = asyncio.create_task(cycle.pick())
         await asyncio.sleep(0.02)
         cycle.supervisor.hold.pause()
-        while cycle.state != "paused":
-            await asyncio.sleep(0.001)
+        await until_so(lambda: cycle.state == "paused")
         sent = len(world.wire)
         await asyncio.sleep(0.05)
         assert len(world.wire) == sent
@@ -224,8 +224,7 @@ def test_stop_while_paused_is_heard():
     async def story():
         cycle.supervisor.hold.pause()
         task = asyncio.create_task(cycle.pick())
-        while cycle.state != "paused":
-            await asyncio.sleep(0.001)
+        await until_so(lambda: cycle.state == "paused")
         await cycle.supervisor.stop()
         return await task
 
@@ -278,8 +277,7 @@ def test_a_move_that_nobody_confirms_while_its_look_is_valid_is_asked_about_agai
             if "its look is valid for" in waiting.text and len(late) < 4:
                 late.append(waiting.text)
                 world.now_s += 20.0
-                while hold.waiting is waiting:
-                    await asyncio.sleep(0.1)
+                await until_so(lambda before=waiting: hold.waiting is not before)
                 assert waiting.expired
             else:
                 hold.confirm()
@@ -299,8 +297,7 @@ def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
     async def story():
         cycle.supervisor.hold.step(True)
         task = asyncio.create_task(cycle.pick())
-        while cycle.status()["pending"] is None:
-            await asyncio.sleep(0.001)
+        await until_so(lambda: cycle.status()["pending"] is not None)
         cycle.supervisor.hold.refuse()
         return await task
 
@@ -315,8 +312,7 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
     async def story():
         cycle.supervisor.hold.step(True)
         task = asyncio.create_task(cycle.go("home"))
-        while cycle.status()["pending"] is None:
-            await asyncio.sleep(0.001)
+        await until_so(lambda: cycle.status()["pending"] is not None)
         cycle.supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await task
@@ -375,8 +371,7 @@ def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
         await asyncio.sleep(0.01)
         asker.cancel()
         await asyncio.gather(asker, return_exceptions=True)
-        while cycle.status()["doing"] is not None:
-            await asyncio.sleep(0.005)
+        await until_so(lambda: cycle.status()["doing"] is None)
 
     lived(story())
     assert world.binned == ["cube"]
@@ -629,14 +624,12 @@ def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(pur
         world.before = pause
         picking = asyncio.create_task(cycle.pick())
         while ("hand", closes) not in world.wire[3:]:
-            while cycle.state != "paused":
-                await asyncio.sleep(0.01)
+            await until_so(lambda: cycle.state == "paused")
             told = len(world.wire)
             await asyncio.sleep(0.05)
             assert (len(world.wire), world.wire[-1][0]) == (told, "move")
             cycle.supervisor.resume()
-            while len(world.wire) == told:
-                await asyncio.sleep(0.01)
+            await until_so(lambda before=told: len(world.wire) != before)
         return await picking
 
     assert lived(asyncio.wait_for(story(), 60.0)).outcome == "picked"

@@ -12,6 +12,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick.outcome import CycleEnd
 from drivers.simcell import parts
 from tests.fakes.fake_cell import World, cycle_of
+from tests.fakes.waiting import until_so
 
 SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
 
@@ -139,8 +140,7 @@ def test_an_auto_that_is_stopped_while_it_waits_for_parts_gives_what_it_brought(
 
     async def story() -> list[CycleEnd]:
         running = asyncio.create_task(cycle.auto(PickOrder(None, every_s=3600.0)))
-        while [end.outcome for end in cycle.ends] != ["picked", "empty"]:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: [end.outcome for end in cycle.ends] == ["picked", "empty"])
         await cycle.supervisor.abort()
         return await running
 

@@ -17,6 +17,7 @@ from daemon.signals.input_form import FORMS, InputForm
 from daemon.signals.line import LineSignals
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_cell import World, cycle_of, one_part
+from tests.fakes.waiting import until_so
 
 NUMBERS = {"permit_pick": 1001, "permit_place": 1002, "cycle_start": 1003}
 
@@ -91,8 +92,7 @@ def test_a_stop_ends_the_wait_for_a_permit() -> None:
         inputs = Off()
         cycle = with_line(one_cube(), inputs)
         pick = asyncio.create_task(cycle.pick())
-        while len(inputs.read) < 2:
-            await asyncio.sleep(0.01)
+        await until_so(lambda: len(inputs.read) >= 2)
         assert cycle.status()["waits_for"] == "the permit to pick (permit_pick)"
         await cycle.supervisor.stop()
         end = await pick
@@ -121,8 +121,7 @@ def test_an_auto_brings_one_part_for_each_start() -> None:
         world.put("pyramid", 560, 90, 0.2)
         cycle = with_line(world, inputs)
         auto = asyncio.create_task(cycle.auto(PickOrder(on_signal=True)))
-        while not (cycle.ends and cycle.line.waits_for):
-            await asyncio.sleep(0.01)
+        await until_so(lambda: cycle.ends and cycle.line.waits_for)
         assert len(cycle.ends) == 1, "the start is still on: it asked for one"
         cycle.auto_off()
         return await auto
@@ -137,8 +136,7 @@ def test_a_job_on_signal_brings_the_part_of_its_next_step_for_each_start() -> No
         cycle = with_line(world, inputs)
         steps = OrderStep("pyramid"), OrderStep("cube")
         auto = asyncio.create_task(cycle.auto(PickOrder(2, job="kit", steps=steps, whole=steps, on_signal=True)))
-        while not (cycle.ends and cycle.line.waits_for):
-            await asyncio.sleep(0.01)
+        await until_so(lambda: cycle.ends and cycle.line.waits_for)
         assert [end.label for end in cycle.ends] == ["pyramid"], "the start is still on: it asked for one"
         inputs.off_next.add("cycle_start")
         return await auto

@@ -32,6 +32,7 @@ from daemon.store.yamlfile import ConfigError
 from drivers.val2.dialect import Dialect
 from tests.fakes.daemon_process import ETC, SIMULATED, Daemon
 from tests.fakes.in_time import lived
+from tests.fakes.waiting import until
 
 
 @pytest.fixture
@@ -96,10 +97,9 @@ def test_a_signal_while_the_arm_moves_stops_the_arm_first(daemon: Daemon) -> Non
     daemon.do("enable")
     with socket.socket(socket.AF_UNIX) as raw:
         raw.connect(str(daemon.folder / "facetd.sock"))
-        raw.sendall(b'{"do": "step on"}\n')
-        time.sleep(0.3)
+        daemon.do("step on")
         raw.sendall(b'{"do": "go survey"}\n')
-        time.sleep(0.5)
+        until(lambda: daemon.do("status")["data"]["doing"] == "survey")
         daemon.process.send_signal(signal.SIGINT)
         assert daemon.ends() == 0
     (run,) = list_runs(daemon.folder / "state" / "runs")
@@ -151,10 +151,7 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     assert refused["status"] == 1
     assert "pick.order: expected one of nearest, surest, found 'biggest'" in refused["text"]
     daemon.process.send_signal(signal.SIGHUP)
-    deadline = time.monotonic() + 10
-    while daemon.told().count("refused, the configuration is unchanged") < 2:
-        assert time.monotonic() < deadline, "the signal was not heard"
-        time.sleep(0.02)
+    until(lambda: daemon.told().count("refused, the configuration is unchanged") >= 2, "the signal's answer")
     daemon.hears("RELOADING=1")
     daemon.hears("READY=1")
     daemon.config.write_text(good + "arm: {port: /dev/other}\n")
@@ -224,7 +221,7 @@ def test_killed_in_mid_cycle_it_comes_back_with_nothing_moving_and_asks(
     daemon.do("enable")
     daemon.do("step on")
     daemon.do("auto on")
-    time.sleep(0.5)
+    until(lambda: daemon.do("status")["data"]["pending"])
     daemon.process.kill()
     daemon.ends()
     daemon.close()

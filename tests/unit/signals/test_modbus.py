@@ -19,6 +19,8 @@ from daemon.signals.settings import ModbusSettings
 pytest.importorskip("pymodbus")
 from pymodbus.client import AsyncModbusTcpClient
 
+from tests.fakes.waiting import until_so
+
 ROLES = ("permit_pick", "cycle_start")
 EXECUTE = readings(PackMLState.EXECUTE, done=False, enabled=True, clock_s=70_000.0, picked=3, failed=1)
 
@@ -66,8 +68,7 @@ def told(story: Callable[[Served], Awaitable[Any]], **settings: Any) -> Any:
 
 
 async def until(so: Callable[[], bool]) -> None:
-    while not so():
-        await asyncio.sleep(0.005)
+    await until_so(lambda: so())
 
 
 def test_a_plc_reads_the_state_and_gives_the_roles_that_are_its_own() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.history import GripperRecord
+from tests.fakes.waiting import until
 
 TRUTH = Path(__file__).parents[3] / "etc" / "simcell.yaml"
 
@@ -19,8 +20,7 @@ def test_motions_and_violations_are_written_as_they_are_found_each_once(tmp_path
         with cell.server.controller() as controller:
             for line in (b"DO NOFLIP\r", b"DO MOVE TRANS(520,0,-295,0,90,0)\r", b"DO BREAK\r", b"DO OPENI\r"):
                 controller.receive(line, controller.now_s)
-        while not any(isinstance(event, GripperRecord) for event in cell.controller.machine.history):
-            time.sleep(0.01)
+        until(lambda: any(isinstance(event, GripperRecord) for event in cell.controller.machine.history))
     ended_s = time.monotonic()
     lines = [json.loads(text) for text in file.read_text().splitlines()]
     motions = [line for line in lines if "set_out_s" in line]

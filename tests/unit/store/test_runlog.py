@@ -22,6 +22,7 @@ import pytest
 from daemon.store.recovery_state import RecoveryFile, left_behind
 from daemon.store.runlog import RunLog, _Worker
 from daemon.store.runs import check_wire, read_run
+from tests.fakes.waiting import until
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
 
@@ -264,13 +265,11 @@ def test_a_stalled_disk_is_waited_for_once_and_one_that_is_full_not_at_all(
     disk.delay_s = 0.05
     for n in range(20):
         log.record("move", n=n)
-    while log._lines.waiting > 17:
-        time.sleep(0.005)
+    until(lambda: log._lines.waiting <= 17)
     log.record("move", n=20)
     assert len(waits) == 1, "no more until it has caught up"
     disk.delay_s = 0.0
-    while log._behind:
-        time.sleep(0.005)
+    until(lambda: not log._behind)
     log.record("move", n=21)
     assert len(waits) == 2
     disk.full = True

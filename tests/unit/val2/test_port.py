@@ -14,6 +14,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.port import SerialPort
 from tests.fakes.arm_line import MakesLine
+from tests.fakes.waiting import until_so
 
 TYPED_IN = r"another program changed the settings of this port \(stty\?\); facetd put them back"
 
@@ -115,8 +116,7 @@ def test_whoever_waits_for_the_end_of_a_motion_hears_at_once_that_the_port_was_c
             await link.command("SPEED 1")
             await link.command("DO DRIVE 1, 90, 1")
             breaking = asyncio.create_task(link.command("DO BREAK", timeout_s=600.0))
-            while "DO BREAK\r" not in line.sent():
-                await asyncio.sleep(0.01)
+            await until_so(lambda: "DO BREAK\r" in line.sent())
             stty_sane(line.server.port)
             with pytest.raises(Disturbed, match=TYPED_IN):
                 await asyncio.wait_for(breaking, 60.0)

@@ -23,6 +23,7 @@ from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import ControllerQuestion
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.simulated_time import SimulatedLoop
+from tests.fakes.waiting import until_so
 
 FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
 SPOILED = ["flip", "drop", "double", "insert"]
@@ -260,8 +261,7 @@ def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_a
         await link.close()
         opening = asyncio.create_task(link.open())
         await asyncio.sleep(0.0)
-        while not link.connected:
-            await asyncio.sleep(0.001)
+        await until_so(lambda: link.connected)
         await link.abort()
         await opening
         assert controller.machine.at_rest()
