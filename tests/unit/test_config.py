@@ -203,7 +203,7 @@ def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: py
 
 
 @pytest.mark.parametrize(
-    ("section", "eye"), [("{left: a}", "left"), ("{right: a}", "right"), ("{left: a, right: b}", None)]
+    ("section", "camera"), [("{left: a}", "left"), ("{right: a}", "right"), ("{left: a, right: b}", None)]
 )
 def test_a_cell_with_one_camera_looks_with_that_alone(path: Path, section: str, camera: str | None) -> None:
     path.write_text(f"version: 1\ncameras: {section}\n")
