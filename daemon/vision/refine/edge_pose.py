@@ -80,6 +80,8 @@ LEAST_BORNE = 0.4
 the edges gave .41 to 1 at their place; from 3 mm beside it they led to places where they gave .38 and less, or more
 only where the part was turned by 2 degrees and more, which its covariance forbids."""
 SAFE_CONDITION = 1e7
+RIM_ROUNDS = 2
+"""How often rims are looked for anew: those of a disc whose turn nothing else says may be some px off at first."""
 BY_PRIOR = np.linalg.inv(PRIOR)
 """Covariance of a pose of which no edge says anything."""
 
@@ -119,12 +121,12 @@ def locate(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float
             for edges, view in zip(_expected(laid, images, poses), images.views, strict=True)
         ]
         shown_share = _share(rough, [seen.there for seen in rough])
-        poses = moved(poses, _solved(rough, reach_mm)[0][None])
+        poses = moved(poses, _solved(rough, poses[0], near, reach_mm)[0][None])
     if shown_share < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
         left, right = measured(_expected(laid, images, poses), images)
-        motion, information = _solved((left, right), reach_mm)
+        motion, information = _solved((left, right), poses[0], near, reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
         if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
             return None
@@ -158,13 +160,13 @@ def fit_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: fl
     pose open. Fit.matched counts edges.
     """
     found = locate(shape, images, near, reach_mm)
-    return None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found)
+    return None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found, images)
 
 
 def fit_each(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
     """As fit_edges, but what each camera says by itself, for cameras whose places against each other are in doubt."""
     found = locate(shape, images, near, reach_mm)
-    whole = None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found)
+    whole = None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found, images)
     if found is None or whole is None:
         return None
     alone = (adjusted(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
@@ -172,19 +174,29 @@ def fit_each(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: flo
     return left, right
 
 
-def fit_of(found: Located) -> Fit | None:
-    """The located pose moved a last time, with its covariance, if so much of its outline is on its place in both
-    cameras."""
+def fit_of(found: Located, images: StereoImages) -> Fit | None:
+    """The located pose moved a last time, by its edges and the rims of its holes, with its covariance, if so much of
+    its outline is on its place in both cameras."""
+    if not _borne_out(found):
+        return None
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
-    shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
-    if min(shares) < LEAST_OUTLINE:
-        return None
-    if np.linalg.cond(found.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
-        return None
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
     residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
     final = adjusted(found.shape, found.pose, found.observed, TOLERANCE_MM)
+    for _ in range(RIM_ROUNDS if found.shape.holes else 0):
+        there = rim_places(found.shape, final.pose, images, TOLERANCE_MM)
+        rims = [rim._replace(off_px=rim.off_px + rim.jacobian @ final.motion) for rim in there]
+        final = adjusted(found.shape, found.pose, found.observed, TOLERANCE_MM, rims=rims)
     return Fit(final.pose, final.covariance, residual_mm, len(off_px))
+
+
+def _borne_out(found: Located) -> bool:
+    """Whether so much of a part's outline is on its place in both cameras that they hold its pose."""
+    on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
+    shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
+    if min(shares) < LEAST_OUTLINE:
+        return False
+    return bool(np.linalg.cond(found.information * np.outer(SCALE, SCALE)) <= SAFE_CONDITION)
 
 
 def fit_at(
@@ -206,7 +218,7 @@ def fit_at(
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
-        rims = rim_places(shape, pose, images, tolerance_mm) if shape.holes else []
+        rims = rim_places(shape, pose, images, tolerance_mm)
         final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rims)
         pose = final.pose
         led = frames.difference(pose, anchor[0])
@@ -249,7 +261,7 @@ def edge_support(shape: Polyhedron, images: StereoImages, near: Array, reach_mm:
     """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
     where too few of them show on their place."""
     found = locate(shape, images, near, reach_mm)
-    return 0.0 if found is None or fit_of(found) is None else clear_share(found, images)
+    return 0.0 if found is None or not _borne_out(found) else clear_share(found, images)
 
 
 def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
@@ -257,7 +269,7 @@ def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, nea
     share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
     """
     found = locate(shape, before, near, reach_mm)
-    if found is None or fit_of(found) is None:
+    if found is None or not _borne_out(found):
         return 0.0
     now = measured([seen.edges for seen in found.observed], after)
     then, still = (
@@ -343,16 +355,18 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), doubt, there)
 
 
-def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array, Array]:
-    """The motion (6,) that brings a pose onto the edges of both cameras, not much more than the reach; and the
-    information (6, 6) of those that agree."""
+def _solved(observed: Sequence[EdgeObservation], pose: Array, near: Array, reach_mm: float) -> tuple[Array, Array]:
+    """The motion (6,) that brings a pose onto the edges of both cameras, not much more than the reach from where it was
+    thought to be: what no edge says, as the turn of a disc, stays as near; and the information (6, 6) of those that
+    agree."""
     off, jacobian, doubt, usable = (
         np.concatenate(each)
         for each in zip(*((o.off, o.edges.jacobian, o.doubt, o.there & o.edges.sharp) for o in observed), strict=True)
     )
     prior, whiten = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3), whitener(doubt)
     rows, far = (whiten @ jacobian)[None], (whiten @ off[..., None])[None, ..., 0]
-    found = solve(rows, far, usable[None].astype(float), prior, passes=PASSES)
+    towards = prior @ frames.difference(near, pose)
+    found = solve(rows, far, usable[None].astype(float), prior, towards, passes=PASSES)
     return found.unknowns[0], found.information[0]
 
 

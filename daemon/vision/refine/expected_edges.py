@@ -79,11 +79,11 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
 class ExpectedEdges:
     """Edges one camera should see with parts at their poses, placement after placement: owner (E,), the placement of
     each; ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its
-    edge with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one
-    facing facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px
-    (E,): what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors;
-    bow (E, 3): how far across the edge, px, the arc that it is a chord of lies at its start, middle and end; 0 where it
-    is straight.
+    edge with the pose (nothing by what moves along an arc), and by_corner (E, 2, 2, 3), with either corner of the edge;
+    outline (E,): which belong to one facing facet only, and show in any light; sharp (E,): which cannot be taken for
+    another; px_per_mm (E,); doubt_px (E,): what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3),
+    cyclopean: Polyhedron.bisectors; bow (E, 3): how far across the edge, px, the arc that it is a chord of lies at its
+    start, middle and end; 0 where it is straight.
     """
 
     owner: Index
@@ -198,16 +198,14 @@ def expected(
     camera, owner, edge, ends, start, end = (each[keep] for each in (camera, owner, edge, ends, start, end))
     first, last, way = first[keep, None], last[keep, None], end - start
     normal = across(start, end)[:, None]
-    moves = (normal[:, None] @ slope[camera[:, None], ends])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
-    by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
     sharp = clear[camera, owner, edge]
     depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
     px_per_mm = np.array([view.rectified.focal_px for view in images.views])[camera] / depth_mm[owner]
     outline = (facing[camera, owner, edge] == 1) & sharp
     bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
-    start, end, jacobian = start + first * way, start + last * way, by_corner.sum(2)
-    bow = np.zeros((len(owner), 3))
+    start, end = start + first * way, start + last * way
+    bow, normals = np.zeros((len(owner), 3)), np.repeat(normal, 2, 1)
     circles = laid.circles[owner, edge]
     (arcs,) = np.nonzero(circles[:, 3])
     if len(arcs):
@@ -217,6 +215,10 @@ def expected(
         seen = [view.rectified.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in images.views]
         on_image = np.where(camera[arcs, None, None] == 0, *seen)
         bow[arcs] = ((on_image - start[arcs, None]) * normal[arcs]).sum(2)
+        normals[arcs] -= _climb(bow[arcs], start[arcs], end[arcs])
+    moves = np.einsum("eni,ecij->encj", normals, slope[camera[:, None], ends])  # across either end, by either corner
+    by_corner = np.stack([1 - share, share], 2)[..., None] * moves
+    jacobian = by_corner.sum(2)
 
     def of_camera(own: slice, corners_px: Array) -> ExpectedEdges:
         return ExpectedEdges(
@@ -248,6 +250,15 @@ def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:
     where they begin and end, and midway."""
     at = np.stack([share[:, 0], share.mean(1), share[:, 1]], 1)[..., None]
     return onto_circles(chords[:, :1] + at * (chords[:, 1:] - chords[:, :1]), circles[:, None])
+
+
+def _climb(bow: Array, start: Array, end: Array) -> Array:
+    """(A, 2, 2) how steeply arcs that bow so (A, 3) leave their chords start -> end, (A, 2) each, at either end, times
+    the unit vector along these: what moves along an arc does not move it. An arc is nearly a parabola."""
+    way = end - start
+    first, middle, last = bow.T
+    rise = np.stack([4 * middle - 3 * first - last, first - 4 * middle + 3 * last], 1)
+    return np.asarray(rise[..., None] * (way / np.maximum((way**2).sum(1, keepdims=True), 1e-9))[:, None])
 
 
 def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:

@@ -17,8 +17,9 @@ from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.geometry import Polyhedron, SolidBatch
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import TeachError, empty_model, learn_solid, mirror_images
-from daemon.vision.refine import aligned_to_edges, edge_samples_of
+from daemon.vision.refine import aligned_to_edges, edge_samples_of, fit_edges
 from daemon.vision.refine.expected_edges import expected
+from tests.bench import machined
 from tests.fakes.drawn import block, obj, prism
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -110,6 +111,18 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
                 assert np.linalg.norm(arc_px - at, axis=1).min() < 0.15
 
 
+def test_a_turn_about_its_axis_does_not_move_an_arc_and_anything_else_does() -> None:
+    laid = SolidBatch.of([rounded()])
+    for edges in expected(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM):
+        axis, through = WHERE[:3, 2], frames.apply(WHERE, centre()) - WHERE[:3, 3]
+        about_axis = np.concatenate([np.cross(through, axis), axis])
+        on_arc = np.abs(edges.bow[:, 1]) > 0.1
+        turned_px = edges.jacobian @ about_axis
+        assert np.abs(turned_px[on_arc]).max() < 0.02 * np.abs(turned_px[~on_arc]).max()
+        shifted_px = np.abs(edges.jacobian[on_arc] @ [1.0, 0, 0, 0, 0, 0])
+        assert shifted_px.max() > 1.0
+
+
 def round_end_first() -> Array:
     """A pose (4, 4) at which a round end and the face above it look at both cameras."""
     tilt = np.radians(50.0)
@@ -158,3 +171,21 @@ def test_round_faces_that_share_no_edge_can_be_taught_and_straight_ones_apart_ca
     low, high = (int(k) for k in (np.argmin(cube.normals[:, 2]), np.argmax(cube.normals[:, 2])))
     with pytest.raises(TeachError, match="share an edge"):
         learn_solid(empty_model(load_facets()), replace(cube.only([low, high]), types=("square", "square")), "apart")
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_turn_of_a_disc_is_that_of_its_bores_and_not_of_its_chords(seed: int) -> None:
+    drawn = machined.drawings()["flange"]
+    seen = machined.on_table("flange", drawn, np.random.default_rng(seed), (180.0, 260.0))
+    true = seen.pose @ frames.rigid(np.eye(3), drawn.origin_mm)
+    thought = true @ frames.rigid(frames.rotation_from_vector(np.radians([0.0, 0.0, 3.0])), np.zeros(3))
+    pair = open_stereo(seen.left, seen.right, seen.rig)
+    fit = fit_edges(drawn.solid, pair, thought, 2.0)
+    assert fit is not None
+    assert np.degrees(frames.angle_between(fit.cyclopean_from_part, true)) < 0.5
+    blank = fit_edges(replace(drawn.solid, holes=()), pair, thought, 2.0)
+    assert blank is not None
+    axis = true[:3, 2]
+    sigmas_deg = [np.degrees(np.sqrt(axis @ one.covariance[3:, 3:] @ axis)) for one in (fit, blank)]
+    assert sigmas_deg[0] < 0.5
+    assert sigmas_deg[1] > 1.0, "chords say nothing of it"
