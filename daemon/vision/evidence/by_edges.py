@@ -237,14 +237,15 @@ def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
 
 def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
     """A round part in the turn about its axis for which its edges and holes speak most: its arcs are much the same in
-    all. It is no surer for having been turned."""
+    all. It is no surer for having been turned. Of 16 knobs in fresh looks one lay 7 degrees and more off by nats,
+    and three by log odds, which prefer a turn that expects fewer edges."""
     turns = turns_about_axis(one.solid)
     if len(turns) == 1:
         return one
     tolerance = search.model.parameters.tolerance_mm
 
     def nats(other: RegisteredPart) -> float:
-        return other.odds + hole_nats(other.solid, other.pose, search.images, tolerance)
+        return BY_NATS * other.borne.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
 
     laid = registered_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tries) for turn in turns])
     likely = [EdgeHypothesis(own.label, own.pose, own.tries) for own in sorted(laid, key=nats)[-MOST_TURNS:]]

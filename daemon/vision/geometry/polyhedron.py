@@ -142,18 +142,35 @@ class Polyhedron:
             off = np.array([np.linalg.norm(own - centre, axis=1) - radius for own in (a, b)])
             middle = np.linalg.norm(((a + b) / 2)[:, None] - arc.points_mm, axis=2).min(1)
             near = (np.abs(off) < CHORD_MM).all(0) & (middle < BESIDE_ARC * np.linalg.norm(b - a, axis=1))
-            found[bounds[arc.facet] & near] = [*centre, radius]
+            # The chord that closes a segment has the corners of the arc's own chords on the arc's side.
+            ring = self.corners_mm[self.rings[arc.facet]] - centre
+            ring = ring[np.abs(np.linalg.norm(ring, axis=1) - radius) < CHORD_MM]
+            out = a + b - 2 * centre
+            ends_out = np.maximum(((a - centre) * out).sum(1), ((b - centre) * out).sum(1))
+            closes = (ring @ out.T > ends_out + 1e-6).any(0)
+            found[bounds[arc.facet] & near & ~closes] = [*centre, radius]
         return found
 
     @cached_property
     def walls(self) -> Array:
-        """(E, 3) unit normals, out of the part, of the curved surface beyond each of the lines that is a chord of an
-        arc, as it is square to the facet; zeros where there is none."""
+        """(E, 3) unit normals, out of the part, of the curved surface beyond each of the lines that bounds one facet:
+        beyond the chord of an arc, as that surface is square to the facet; beyond a straight line in which a flat cuts
+        a cylinder, by the arcs that end where it does; zeros where there is none."""
         ends, facet = self.lines[0], self.beside[:, 0]
-        round_ = (self.circles[:, 3] > 0) & (self.beside[:, 1] < 0)
+        open_, round_ = self.beside[:, 1] < 0, self.circles[:, 3] > 0
+        way = self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]
         along = np.where(self.hands[:, 1] == facet, 1.0, -1.0)[:, None]
-        away = np.cross(along * (self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]), self.normals[facet])
-        return np.asarray(round_[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12))
+        away = np.cross(along * way, self.normals[facet])
+        found = (round_ & open_)[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+        arcs = np.flatnonzero(round_ & open_)
+        for straight in np.flatnonzero(open_ & ~round_).tolist():
+            unit = way[straight] / np.linalg.norm(way[straight])
+            meets = (ends[arcs][:, :, None] == ends[straight]).any((1, 2))
+            for arc in arcs[meets & (np.abs(self.normals[facet[arcs]] @ unit) > PARALLEL)].tolist():
+                out = self.corners_mm[ends[straight, 0]] - self.circles[arc, :3]
+                out -= (out @ unit) * unit
+                found[straight] = np.sign(out @ found[arc]) * out / np.linalg.norm(out)
+        return np.asarray(found)
 
     @cached_property
     def directions(self) -> Array:

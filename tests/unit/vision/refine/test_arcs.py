@@ -77,6 +77,57 @@ def test_a_drawings_arcs_are_kept_with_the_chords_that_stand_for_them() -> None:
     assert not solid.walls[~on_arc].any()
 
 
+def cut_round(flat_mm: float) -> Polyhedron:
+    """A cylinder about the z axis with a flat at y = -flat_mm, drawn, about the middle of its corners."""
+    half = np.arccos(flat_mm / RADIUS_MM)
+    turns = np.linspace(half - np.pi / 2, 1.5 * np.pi - half, 60)
+    ring = [(RADIUS_MM * np.cos(turn), RADIUS_MM * np.sin(turn)) for turn in turns]
+    return solid_drawn("cut.obj", obj(*prism(ring, HIGH_MM)), "mm", load_facets())
+
+
+def test_the_edges_in_which_a_flat_cuts_a_cylinder_have_its_wall_beyond() -> None:
+    solid, flat_mm = cut_round(10.0), 10.0
+    upright = np.flatnonzero(np.abs(np.ptp(solid.corners_mm[solid.lines[0]], axis=1)[:, 2]) > HIGH_MM / 2)
+    assert len(upright) == 2
+    (flat,) = {int(facet) for facet in solid.beside[upright, 0]}
+    assert solid.normals[flat] == pytest.approx([0, -1, 0], abs=1e-3)
+    half_mm = np.sqrt(RADIUS_MM**2 - flat_mm**2)
+    sides = np.sign(solid.corners_mm[solid.lines[0][upright, 0], 0])
+    out = np.column_stack([sides * half_mm, [-flat_mm] * 2, [0.0] * 2]) / RADIUS_MM
+    assert solid.walls[upright] == pytest.approx(out, abs=0.02)
+
+
+def test_the_edge_of_a_flat_that_is_turned_away_is_where_its_cylinder_ends_in_the_picture() -> None:
+    """The flat is seen from behind, and the wall beyond its edge from before: this edge says how the part is turned."""
+    solid = cut_round(10.0)
+    where = pose(np.array([-2.2, 0.0, 0.0]), 0.0, 380.0)
+    where[:3, :3] = where[:3, :3] @ frames.rotation_from_vector(np.array([0.0, 0.0, np.radians(20.0)]))
+    laid = SolidBatch.of([solid])
+    flat = int((solid.normals @ [0, -1, 0]).argmax())
+    assert solid.facing(where)[flat] < -0.3
+    for edges in expected(laid, images(), where[None], np.ones(1, bool), TOLERANCE_MM):
+        upright = np.flatnonzero(np.ptp(solid.corners_mm[edges.ends], axis=1)[:, 2] > HIGH_MM / 2)
+        assert len(upright) == 1
+        assert edges.outline[upright].all()
+        assert not edges.bow[upright].any()
+        about_axis = np.concatenate([np.zeros(3), where[:3, 2]])
+        assert np.abs(edges.jacobian[upright] @ about_axis).min() > 5.0, "px a radian"
+
+
+def test_the_straight_side_of_a_segment_is_no_chord_of_its_arc() -> None:
+    """That of a flat disc cut off 12 mm from the middle: its ends are on the arc, and its middle is not far from it."""
+    half = np.arccos(12.0 / RADIUS_MM)
+    turns = np.linspace(np.pi / 2 - half, np.pi / 2 + half, 40)
+    ring = [(RADIUS_MM * np.cos(turn), RADIUS_MM * np.sin(turn)) for turn in turns]
+    solid = solid_drawn("segment.obj", obj(*prism(ring, HIGH_MM)), "mm", load_facets())
+    long_mm = np.linalg.norm(np.diff(solid.corners_mm[solid.lines[0]], axis=1)[:, 0], axis=1)
+    straight = long_mm > 1.8 * np.sqrt(RADIUS_MM**2 - 12.0**2)
+    assert straight.sum() == 2
+    assert not solid.circles[straight].any()
+    flats = straight | (np.ptp(solid.corners_mm[solid.lines[0]], axis=1)[:, 2] > HIGH_MM / 2)
+    assert solid.circles[~flats, 3] == pytest.approx(np.full((~flats).sum(), RADIUS_MM), abs=0.02)
+
+
 def test_arcs_go_with_the_part_into_its_frame_its_file_and_its_mirror_image() -> None:
     model = learn_solid(empty_model(load_facets()), rounded(), "rounded")
     kept = from_bytes(to_bytes(model)).model.metric["rounded"].solid
