@@ -89,10 +89,11 @@ def test_a_look_whose_corners_do_not_tell_says_which_two(pair, shown, monkeypatc
     assert any("sharp or rounded" in part.recognition.reason for part in scene.parts)
 
 
-def test_without_the_evidence_a_rounded_part_has_no_name_of_its_own(pair, shown, monkeypatch):
+def test_of_some_looks_the_corners_alone_tell_a_rounded_part(pair, monkeypatch):
+    photo = photograph(pair[1].shape, np.random.default_rng([9, 1]), distance_mm=(250.0, 280.0))
+    assert [part.recognition.label for part in named(pair, photo)[0]] == ["rounded"]
     monkeypatch.setattr(counter_evidence, "told_by_rounding", lambda one, *_: one)
-    found, _ = named(pair, shown[1])
-    assert [part.recognition.label for part in found] != ["rounded"]
+    assert not named(pair, photo)[0]
 
 
 def test_a_border_between_both_says_nothing_and_one_at_either_speaks_for_that():
