@@ -114,9 +114,9 @@ def _frames() -> Iterator[Frame]:
             continue
         rig = load_calibration(folder / "calibration.yaml").rig
         cyclopean_from_cube = np.array(json.loads((folder / "truth.json").read_text())["cyclopean_from_part"])
-        for camera, camera in ((rig.left, "left"), (rig.right, "right")):
+        for camera, side in ((rig.left, "left"), (rig.right, "right")):
             there = frames.inverse(camera.cyclopean_from_camera) @ cyclopean_from_cube
-            yield Frame(folder.name, read_grey(folder / f"{camera}.png"), camera, there)
+            yield Frame(folder.name, read_grey(folder / f"{side}.png"), camera, there)
 
 
 def _any_two(taken: list[Frame]) -> Iterator[tuple[Frame, Frame]]:
