@@ -25,7 +25,7 @@ from daemon.pick.looks import Look
 from daemon.pick.transitions import SHOWN
 from daemon.pick.world import WorldModel
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.health import SAID, findings_json, troubles
+from daemon.vision.health import ADVICE, findings_json, troubles
 from daemon.vision.model import facet_name
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
@@ -262,7 +262,7 @@ def describe_scene(scene: Scene, columns: int) -> str:
     for mark, part in zip(MARKS, scene.parts, strict=False):
         lines.append(f"{mark} {describe_part(part)}")
         if part.recognition.cause is not None:
-            lines.append("    not named: {0.words}; {0.remedy}".format(SAID[part.recognition.cause]))
+            lines.append("    not named: {0.words}; {0.remedy}".format(ADVICE[part.recognition.cause]))
     reasons = {part.recognition.reason for part in scene.parts}
     lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
     return "\n".join(lines)

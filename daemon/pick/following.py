@@ -21,7 +21,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import Fit, edge_support, edges_gone, fit_each, fit_edges, refit, settled, shown
+from daemon.vision.refine import Fit, edge_support, edges_vanished, fit_each, fit_edges, refit, settled, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -190,7 +190,9 @@ def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, d
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     stereo = _cameras_on_the_gripper(before, mount), _cameras_on_the_gripper(after, mount)
-    return any(edges_gone(target.shape, *stereo, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt))
+    return any(
+        edges_vanished(target.shape, *stereo, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt)
+    )
 
 
 def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:

@@ -111,14 +111,14 @@ def _framed(body: Picture, scene: Scene) -> Picture:
         (f"left | right   {len(scene.parts)} parts   noise {scene.view.noise_sigma:.1f}   {seconds}", (230, 230, 230))
     ]
     foot = [(f"{p.recognition.label}: {p.recognition.reason}", _colour(p, i)) for i, p in enumerate(scene.parts)]
-    foot += [(_told_guess(g), UNNAMED) for g in scene.guesses]
-    foot += [(note, (200, 200, 200)) for note in scene.notes if not _told(note, scene)]
+    foot += [(_guess_line(g), UNNAMED) for g in scene.guesses]
+    foot += [(note, (200, 200, 200)) for note in scene.notes if not _is_reason(note, scene)]
     foot += [(line, REFUSED) for line in _refusals(scene)]
     width = body.shape[1]
     return np.vstack([_lines(head, width), body, _lines(foot, width)])
 
 
-def _told_guess(guess: NearestGuess) -> str:
+def _guess_line(guess: NearestGuess) -> str:
     """In a line."""
     return f"nearest is {guess.label}: {guess.share:.0%} of its edges show (drawn through), the others do not (dashed)"
 
@@ -133,7 +133,7 @@ def _refusals(scene: Scene) -> list[str]:
     ]
 
 
-def _told(note: str, scene: Scene) -> bool:
+def _is_reason(note: str, scene: Scene) -> bool:
     return any(note == f"{p.recognition.label}: {p.recognition.reason}" for p in scene.parts)
 
 

@@ -19,7 +19,7 @@ from daemon.vision.evidence import (
 )
 from daemon.vision.facets import TablePlane, facets_seen, round_facets, with_lone_outlines, without_table
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
+from daemon.vision.health import ADVICE, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.hypotheses import prepare
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import FacetLibrary, Model, empty_model
@@ -115,8 +115,8 @@ def _verified(
     new = [one for one in found if one not in before]
     parts = refined_parts([one.part for one in new], known, images, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
-    told = dict(zip(new, verified_names(refined, known, images), strict=True))
-    return tuple(told.get(one, one) for one in found)
+    checked = dict(zip(new, verified_names(refined, known, images), strict=True))
+    return tuple(checked.get(one, one) for one in found)
 
 
 class _ByFacets(NamedTuple):
@@ -155,5 +155,5 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictur
     if not parts:
         cause = cause_of_nothing(pictures)
         seen = (f"no facet was found in both images ({left} and {right} outlines)",) if left or right else ()
-        return (*seen, *((f"{SAID[cause].words}; {SAID[cause].remedy}",) if cause else ()))
+        return (*seen, *((f"{ADVICE[cause].words}; {ADVICE[cause].remedy}",) if cause else ()))
     return silent

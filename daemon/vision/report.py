@@ -82,6 +82,6 @@ def _number(value: float, digits: int) -> float | None:
 
 def _numbers(values: Array, digits: int) -> Any:
     rounded = np.round(np.asarray(values, float), digits) + 0.0
-    told = rounded.astype(object)
-    told[~np.isfinite(rounded)] = None
-    return told.tolist()
+    listed = rounded.astype(object)
+    listed[~np.isfinite(rounded)] = None
+    return listed.tolist()

@@ -32,7 +32,7 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision import look as look_module
-from daemon.vision.evidence import by_edges, counter_evidence, occlusion, overlaps, rivals
+from daemon.vision.evidence import by_edges, counter_evidence, near_duplicates, occlusion, overlaps
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
@@ -77,8 +77,8 @@ COMPONENTS: dict[str, Without] = {
     "missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
     "missing in both": Without(counter_evidence, "missing_in_both_px", lambda _: 0.0),
     "off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
-    "near-duplicates": Without(counter_evidence, "untaught_rival", lambda *_: rivals.UntaughtRival()),
-    "rounded corners": Without(counter_evidence, "told_by_rounding", lambda one, *_: one),
+    "near-duplicates": Without(counter_evidence, "duplicate_lead", lambda *_: near_duplicates.DuplicateLead()),
+    "rounded corners": Without(counter_evidence, "resolved_by_rounding", lambda one, *_: one),
     "occlusion": Without(occlusion, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
     "occlusion: edges that run on": Without(occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)),
     "occlusion in the evidence": Without(by_edges, "_without_hidden", lambda laid, *_: laid),

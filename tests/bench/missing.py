@@ -1,6 +1,6 @@
 """Makes the constants of daemon/vision/evidence/counter_evidence.py again: what speaks against a part tells near twins.
 
-Without an option: TWIN, BY_MISSING, BY_BOTH, BY_OFF and BY_RIVAL are fitted to what is kept in
+Without an option: DUPLICATE, BY_MISSING, BY_BOTH, BY_OFF and BY_RIVAL are fitted to what is kept in
 tests/data/near_twins.csv and held beside the code's, and each kind of evidence is left out in turn. With `--dump` that
 table is made anew: what speaks against each part, at its final pose, that is named while the check is switched off,
 over the shared scenes and the look-alike families' even seeds, where the part alone is taught and where its twin alone
@@ -148,7 +148,7 @@ def families(seeds: range) -> Iterator[Seen]:
 
 def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene:
     """A look that leaves names however much is missing."""
-    with constants(MOST_LIKELY_TWIN=1.0):
+    with constants(MOST_LIKELY_DUPLICATE=1.0):
         return look(*pair, rig, model)
 
 
@@ -202,7 +202,7 @@ def in_code() -> Array:
     """The constants of the code, as Fit.weights has them."""
     return np.array(
         [
-            counter_evidence.TWIN,
+            counter_evidence.DUPLICATE,
             counter_evidence.BY_MISSING,
             counter_evidence.BY_BOTH,
             counter_evidence.BY_OFF,
@@ -221,7 +221,7 @@ def verdict(fit: Fit) -> str:
     found = ", ".join(f"{w:.2f} +- {e:.2f}" for w, e in zip(fit.weights, fit.errors, strict=True))
     code = ", ".join(f"{w:g}" for w in in_code())
     differs = "do not differ" if agrees(fit) else "DIFFER"
-    names = "TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL"
+    names = "DUPLICATE, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL"
     return f"fitted {names} {found}; in code {code}: they {differs} by more than half an error"
 
 
@@ -239,7 +239,7 @@ def _what_it_does(name: str, seen: list[Seen]) -> None:
 
 def _lost(one: Seen) -> bool:
     """Whether a part against which so much speaks has no name."""
-    return one.against.twin > counter_evidence.MOST_LIKELY_TWIN
+    return one.against.duplicate > counter_evidence.MOST_LIKELY_DUPLICATE
 
 
 def _left_out(seen: list[Seen]) -> None:

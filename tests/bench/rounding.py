@@ -1,4 +1,4 @@
-"""Makes the constants of daemon/vision/evidence/rounding_rivals.py again: where borders are at rounded corners.
+"""Makes the constants of daemon/vision/evidence/by_rounding.py again: where borders are at rounded corners.
 
 Blocks with sharp corners and the same with rounded ones, in pictures of the simulated cell, from far and near; of each
 corner where the two differ, at the true pose, where a camera has the border and where it should have it of either. The
@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.evidence import rounding_rivals
-from daemon.vision.evidence.rounding_rivals import APART, BorderSeen, borders_seen, nats_of
+from daemon.vision.evidence import by_rounding
+from daemon.vision.evidence.by_rounding import APART, BorderSeen, borders_seen, nats_of
 from daemon.vision.facets import facets_seen
 from daemon.vision.image import open_stereo
 from daemon.vision.settings import VisionSettings
@@ -108,7 +108,7 @@ def fitted(found: list[Look]) -> Fit:
 
 def in_code() -> Fit:
     """The constants of the code."""
-    return Fit(*(getattr(rounding_rivals, name) for name in Fit._fields))
+    return Fit(*(getattr(by_rounding, name) for name in Fit._fields))
 
 
 def verdict(found: list[Look]) -> str:

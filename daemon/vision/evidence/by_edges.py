@@ -20,6 +20,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
+from daemon.vision.evidence.near_duplicates import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
@@ -32,7 +33,6 @@ from daemon.vision.evidence.registered import (
     registered_at,
     registered_near,
 )
-from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.facets import TablePlane, merge_vertices, seen_table
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import (
@@ -117,31 +117,31 @@ def named_by_edges(
     model: Model,
     known: Sequence[Recognised],
     spent: Callable[[], float] = lambda: 0.0,
-    told: TablePlane | None = None,
+    known_table: TablePlane | None = None,
     enough: Callable[[Sequence[Recognised]], bool] = bool,
 ) -> NamedByEdges:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
-    Unnamed groups of facets say what each could be. spent: the share of the
-    look's budget that is gone. told: the table as others know it, for where both cameras do not see it; what does not
-    lie on that one may lie on something else. enough: whether so many more names leave nothing to be named.
+    Unnamed groups of facets say what each could be. spent: the share of the look's budget that is used. known_table:
+    the table as others know it, for where both cameras do not see it; what does not lie on that one may lie on
+    something else. enough: whether so many more names leave nothing to be named.
     """
     if spent() > SEARCHED:
         return NamedByEdges([], (), ("straight edges were not looked for",))
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, images) for one in known if one.named]
     maps = edge_distances(images.left), edge_distances(images.right)
-    search = Search(images, model, unnamed, named, maps, SupportPlane.of(seen_table(images, told), told))
+    search = Search(images, model, unnamed, named, maps, SupportPlane.of(seen_table(images, known_table), known_table))
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
     chances = max(by_facets.tests, fewest)
-    laid = _with_rivals(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.rivals, chances)
+    laid = _with_competing(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.competing, chances)
     _, found, _ = _proven(search, laid, chances, spent)
     if found and enough(found):
         return NamedByEdges(found, (), (), complete=True)
     tests, left_out = 0, tuple[str, ...]()
     for guessed in (hypotheses_from_junctions, hypotheses_on_support):
-        likely, of, unasked, rivals = guessed(search, spent)
+        likely, of, unasked, competing = guessed(search, spent)
         tests += of
         chances = max(tests, fewest)
         fresh = _by_odds(registered_near(search, likely))
@@ -149,14 +149,14 @@ def named_by_edges(
             fresh += registered_near(search, _undecided(fresh, chances, images))
         laid = _by_odds([*laid, *fresh])
         if spent() < SEARCHED:
-            laid = _with_rivals(search, _by_odds(_without_hidden(laid, chances, images)), rivals, chances)
+            laid = _with_competing(search, _by_odds(_without_hidden(laid, chances, images)), competing, chances)
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
         if named or found or search.ground is None or spent() > SEARCHED:
             break  # the second way is for looks that would come home with nothing, and needs a table
     nearest = list[RegisteredPart]()
     for one in laid:
-        if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
+        if one.evidence.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
     apart_px = 0.0
     if nearest and not named and not found and spent() < 1:
@@ -165,13 +165,13 @@ def named_by_edges(
     return NamedByEdges(found, guesses, left_out)
 
 
-def _with_rivals(
-    search: Search, laid: list[RegisteredPart], rivals: Sequence[EdgeHypothesis], tests: int
+def _with_competing(
+    search: Search, laid: list[RegisteredPart], competing: Sequence[EdgeHypothesis], tests: int
 ) -> list[RegisteredPart]:
     """Laid parts, the likeliest first, and with them, where one may have a name, those that could be there as well."""
     if not any(_may_be_named(one, tests) for one in laid):
         return laid
-    return _by_odds([*laid, *registered_near(search, rivals)])
+    return _by_odds([*laid, *registered_near(search, competing)])
 
 
 def _proven(
@@ -197,8 +197,8 @@ def _proven(
             continue
         if holes.pose is not one.pose:
             (one,) = registered_at(search, [EdgeHypothesis(holes.label, holes.pose, one.tries)])
-        rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        ahead = all(_ahead_of(one, other, holes.nats, search) for other in rivals)
+        competing = (other for other in laid if other.label != one.label and other.overlaps(one))
+        ahead = all(_ahead_of(one, other, holes.nats, search) for other in competing)
         if ahead and _proven_if_cut_off(one, confidence, search):
             measured = measured_at(one.solid, one.pose, images, search.model, one.seen)
             tolerance = search.model.parameters.tolerance_mm
@@ -369,7 +369,7 @@ def placed(
     pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
-    why = f"{100 * seen.borne.share:.0f} % of what its edges could show is in the images"
+    why = f"{100 * seen.evidence.share:.0f} % of what its edges could show is in the images"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
     equivalents = _alike(seen.solid, pose, numbers, images)
     covariance = covariance + _spread(seen, same, alike)

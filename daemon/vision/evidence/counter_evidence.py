@@ -1,12 +1,12 @@
 """What speaks against a named part, whichever way it got its name: edges it should show that neither picture has, edges
 inside it that lie off its faces, and a near-duplicate that fits better.
 
-A near twin that was never taught (a mirror image, another size, a corner cut off) has most edges where the part has
-them; some of the part's own are not there. An edge between equal greys shows in no picture, so each place on an edge
-counts as much as the levels on its two hands let one expect. Where both cameras miss the same place it is no accident
-of one of them: such places count once more. Print beside an edge makes it fade here and there, a part that is not there
-makes it end: only what is missing up to a corner counts so. In: named parts, both images. Out: their confidence, or no
-name.
+A near-duplicate that was never taught (a mirror image, another size, a corner cut off) has most edges where the part
+has them; some of the part's own are not there. An edge between equal greys shows in no picture, so each place on an
+edge counts as much as the levels on its two hands let one expect. Where both cameras miss the same place it is no
+accident of one of them: such places count once more. Print beside an edge makes it fade here and there, a part that is
+not there makes it end: only what is missing up to a corner counts so. In: named parts, both images. Out: their
+confidence, or no name.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon.arrays import Array, Flags
+from daemon.vision.evidence.by_rounding import any_rounded, resolved_by_rounding
 from daemon.vision.evidence.edge_places import STEP, EdgePlaces, edge_places
+from daemon.vision.evidence.near_duplicates import duplicate_lead
 from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.evidence.off_faces import off_faces_px
-from daemon.vision.evidence.rivals import untaught_rival
-from daemon.vision.evidence.rounding_rivals import any_rounded, told_by_rounding
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
@@ -36,14 +36,14 @@ MISSING_PX, OFF_PX = 2.0, 5.0
 """Lengths from where on evidence grows as their logarithm: what is beside a missing place is missing too."""
 RIVAL_NATS = 10.0
 """What a near-duplicate's lead is counted in."""
-TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -7.45, 0.57, 1.59, 2.24, 7.95
-"""Log odds that what fits is a near twin, where nothing speaks against the part, and how they grow with the per cent
-missing, with the length both cameras miss, with the length off its faces, and with each RIVAL_NATS for a
-near-duplicate: a logistic regression on 281 parts named rightly in rendered looks and 71 near twins of look-alike
+DUPLICATE, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -7.45, 0.57, 1.59, 2.24, 7.95
+"""Log odds that what fits is a near-duplicate, where nothing speaks against the part, and how they grow with the per
+cent missing, with the length both cameras miss, with the length off its faces, and with each RIVAL_NATS for a
+near-duplicate: a logistic regression on 281 parts named rightly in rendered looks and 71 near-duplicates of look-alike
 families, taken for as seldom as three in 200 of what is seen. tests/bench/missing.py makes it again;
 tests/bench/look_alikes.py shows what it does."""
 _WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
-MOST_LIKELY_TWIN = 0.05
+MOST_LIKELY_DUPLICATE = 0.05
 """Likelier, and the part has no name, which is to be right in 95 of 100. From .03 to .055 four of the right names in
 the table are lost at most, none of the shared scenes, and the same strangers are left."""
 
@@ -62,14 +62,14 @@ class Against:
 
     @property
     def terms(self) -> tuple[float, float, float, float]:
-        """What the log odds of a near twin grow with."""
+        """What the log odds of a near-duplicate grow with."""
         lengths = float(np.log1p(self.both_px / MISSING_PX)), float(np.log1p(self.off_px / OFF_PX))
         return 100 * self.missing, *lengths, self.rival / RIVAL_NATS
 
     @property
-    def twin(self) -> float:
-        """How likely what fits is a near twin that was never taught."""
-        return float(1 / (1 + np.exp(-TWIN - np.dot(_WEIGHTS, self.terms))))
+    def duplicate(self) -> float:
+        """How likely what fits is a near-duplicate that was never taught."""
+        return float(1 / (1 + np.exp(-DUPLICATE - np.dot(_WEIGHTS, self.terms))))
 
     def __str__(self) -> str:
         missing, both, off, rival = np.multiply(_WEIGHTS, self.terms)
@@ -87,14 +87,14 @@ def verified_names(found: Sequence[Recognised], model: Model, images: StereoImag
 
 
 def _checked(found: Recognised, model: Model, images: StereoImages) -> Recognised:
-    one = told_by_rounding(found, model, images) if any_rounded(model) else found
+    one = resolved_by_rounding(found, model, images) if any_rounded(model) else found
     if not one.named:
         return one
     verdict = one.part.recognition
     against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, images)
-    twin = against.twin
-    confidence = verdict.confidence * (1 - twin)
-    if twin > MOST_LIKELY_TWIN:
+    duplicate = against.duplicate
+    confidence = verdict.confidence * (1 - duplicate)
+    if duplicate > MOST_LIKELY_DUPLICATE:
         return without_name(one, f"may be {one.label}, but {against}", confidence, model)
     return replace(one, part=replace(one.part, recognition=replace(verdict, confidence=confidence)))
 
@@ -104,7 +104,7 @@ def speaks_against(solid: Polyhedron, pose: Array, images: StereoImages) -> Agai
     lies before the part: that hides edges, and has some of its own."""
     both, off_px = edge_places(solid, pose, images), off_faces_px(solid, pose, images)
     found = _of_places(solid, pose, images, both, off_px)
-    if found.twin < MOST_LIKELY_TWIN:
+    if found.duplicate < MOST_LIKELY_DUPLICATE:
         return found
     hidden = hidden_of(solid, pose, images, both).places
     if not any(hides.any() for hides in hidden):
@@ -116,7 +116,7 @@ def speaks_against(solid: Polyhedron, pose: Array, images: StereoImages) -> Agai
 def _of_places(
     solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces], off_px: float
 ) -> Against:
-    rival = untaught_rival(solid, pose, images, both)
+    rival = duplicate_lead(solid, pose, images, both)
     return Against(missing_share(both), missing_in_both_px(both), off_px, *rival)
 
 

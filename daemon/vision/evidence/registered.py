@@ -53,7 +53,7 @@ class RegisteredPart:
     solid: Polyhedron
     pose: Array
     seen: tuple[EdgeSamples, EdgeSamples]
-    borne: EdgeEvidence
+    evidence: EdgeEvidence
     left_px: Array
     tries: float = 1.0
     rests: bool | None = None
@@ -67,7 +67,7 @@ class RegisteredPart:
     @property
     def odds(self) -> float:
         """Log odds of its being there by its edges alone, before all guesses that were made share them."""
-        by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
+        by_edges = BY_NATS * self.evidence.nats + BY_WHOLE * max(self.evidence.share, 0.0) ** 3 + ELSE
         return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
 
     def without_hidden(self, images: StereoImages) -> RegisteredPart:
@@ -76,7 +76,7 @@ class RegisteredPart:
         if not any(one.any() for one in hidden.places):
             return self
         left, right = (_but_for(seen, self.solid, one) for seen, one in zip(self.seen, hidden.places, strict=True))
-        return replace(self, seen=(left, right), borne=EdgeEvidence.of((left, right)), covered=hidden.covers)
+        return replace(self, seen=(left, right), evidence=EdgeEvidence.of((left, right)), covered=hidden.covers)
 
     def overlaps(self, other: RegisteredPart) -> bool:
         """Whether both cannot be there."""

@@ -2,7 +2,7 @@
 why a part in them has no name. Nothing here names a part.
 """
 
-from daemon.vision.health.cause import SAID, cause_of_nothing, depth_doubt, with_causes
+from daemon.vision.health.cause import ADVICE, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.health.clues import AXES, Clue, clue_of, health_fields
 from daemon.vision.health.examination import (
     MEASURES,

@@ -24,23 +24,25 @@ MOSTLY = 0.5
 """A guess of whose edges so much shows is the part, and the rest is hidden, or too faint or too small to be seen."""
 
 
-class Said(NamedTuple):
+class Advice(NamedTuple):
     """A cause and what to do about it."""
 
     words: str
     remedy: str
 
 
-SAID = {
-    Cause.BORDER: Said("too near the border of the picture", "move it, or the arm, so that both cameras see it whole"),
-    Cause.DARK: Said("too dark where it lies", "add light, or lengthen exposure_us"),
-    Cause.BURNT: Said("burnt out where it lies", "take light away, or shorten exposure_us"),
-    Cause.HIDDEN: Said("part of it does not show", "look nearer or from another side, or move what lies before it"),
-    Cause.ALIKE: Said("too little of it shows to tell it from another part", "look from another side, or turn it"),
-    Cause.PATTERNED: Said(
+ADVICE = {
+    Cause.BORDER: Advice(
+        "too near the border of the picture", "move it, or the arm, so that both cameras see it whole"
+    ),
+    Cause.DARK: Advice("too dark where it lies", "add light, or lengthen exposure_us"),
+    Cause.BURNT: Advice("burnt out where it lies", "take light away, or shorten exposure_us"),
+    Cause.HIDDEN: Advice("part of it does not show", "look nearer or from another side, or move what lies before it"),
+    Cause.ALIKE: Advice("too little of it shows to tell it from another part", "look from another side, or turn it"),
+    Cause.PATTERNED: Advice(
         "the pattern of the table runs into its edges", "put it on a plain ground, or light it better"
     ),
-    Cause.STRANGE: Said("nothing like it was taught", "teach it, or this side of it"),
+    Cause.STRANGE: Advice("nothing like it was taught", "teach it, or this side of it"),
 }
 
 
@@ -50,16 +52,16 @@ def with_causes(parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures
     pictures: left and right, (H, W) grey. guesses: what the unnamed came nearest to, in any order.
     """
     patterned: bool | None = None
-    told = []
+    found = []
     for part in parts:
         if not part.named and part.facets:
             if patterned is None:
                 patterned = _patterned(pictures)
             cause = _cause(part, parts, guesses, pictures, patterned)
-            reason = f"{SAID[cause].words} ({part.recognition.reason})"
+            reason = f"{ADVICE[cause].words} ({part.recognition.reason})"
             part = replace(part, recognition=replace(part.recognition, cause=cause, reason=reason))
-        told.append(part)
-    return tuple(told)
+        found.append(part)
+    return tuple(found)
 
 
 def depth_doubt(guesses: Sequence[NearestGuess]) -> tuple[str, ...]:
@@ -80,7 +82,7 @@ def cause_of_nothing(pictures: Pictures) -> Cause | None:
 def _cause(
     part: Part, parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures: Pictures, patterned: bool
 ) -> Cause:
-    """What would have to be mended first: of a part cut off or in the dark nothing else can be said."""
+    """What has to be corrected first: of a part cut off or in the dark nothing else can be said."""
     hulls = outlines(part)
     own = next((g for g in guesses if len(g.left_px) and _holds(hull([g.left_px]), hulls[0].mean(0))), None)
     ends = hulls if own is None else (np.vstack([hulls[0], *own.left_px]), np.vstack([hulls[1], *own.right_px]))

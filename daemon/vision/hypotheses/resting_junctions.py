@@ -105,7 +105,7 @@ def poses_on_support(
         tests += len(which)
         from_other = at - [(1 - 2 * k) * geometry.length_mm, 0.0, 0.0]
         own = taught.corner[which]
-        best = _borne(from_other, ways, taught.taught.lengths_mm[own], maps[1 - k])
+        best = _most_evident(from_other, ways, taught.taught.lengths_mm[own], maps[1 - k])
         own = own[best]
         from_corner = frames.rigid(turn @ basis(ways[0, best], ways[1, best]), at[best] @ turn.T + viewpoint_mm)
         parts.append(taught.taught.part[own])
@@ -181,7 +181,7 @@ def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> 
     return kind, c, bearing[side, of_slope[kind], c]
 
 
-def _borne(at: Array, ways: Array, lengths_mm: Array, seen: DirectionalEdgeMap) -> Index:
+def _most_evident(at: Array, ways: Array, lengths_mm: Array, seen: DirectionalEdgeMap) -> Index:
     """Of corners at (N, 3) from a camera, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
     it has most of."""
     nats = np.zeros(len(at), np.float32)

@@ -91,13 +91,13 @@ class EdgeHypothesis(NamedTuple):
 
 
 class RankedHypotheses(NamedTuple):
-    """The likeliest parts and places, of how many; what there was no time to ask; and rivals: other parts that could be
-    at those places, which matter only where one of the likeliest may be named."""
+    """The likeliest parts and places, of how many; what there was no time to ask; and competing: other parts that could
+    be at those places, which matter only where one of the likeliest may be named."""
 
     likely: Sequence[EdgeHypothesis]
     tests: int
     left_out: tuple[str, ...] = ()
-    rivals: Sequence[EdgeHypothesis] = ()
+    competing: Sequence[EdgeHypothesis] = ()
 
 
 @lru_cache(maxsize=4)
@@ -191,11 +191,11 @@ def _likeliest(
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
     guesses = ScoredPoses(posed.chosen(good), -nats[good])
-    kept, rivals = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
+    kept, competing = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
-        told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
-        return RankedHypotheses(kept[:FEWEST_LAID], tests, (told,))
-    return RankedHypotheses(kept, tests, rivals=rivals)
+        note = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
+        return RankedHypotheses(kept[:FEWEST_LAID], tests, (note,))
+    return RankedHypotheses(kept, tests, competing=competing)
 
 
 def _varied(guesses: ScoredPoses) -> Index:
@@ -209,7 +209,7 @@ def _varied(guesses: ScoredPoses) -> Index:
 def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[EdgeHypothesis], list[EdgeHypothesis]]:
     """The best guesses, a few at each place, for which nearly as much speaks as for the best there, of two parts at
     least where two could be there; and beyond these the best of each other part."""
-    kept, rivals, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
+    kept, competing, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
     posed, labels = guesses.posed, list(search.model.metric)
     for k, corners_px in islice(distinct(guesses, search.images), LOOKED_AT):
         shape, against, label = PlanarShape.hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
@@ -217,12 +217,12 @@ def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[Edg
         theirs = [one for _, one in there]
         own = theirs.count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            among = kept if len(there) < PER_PLACE or (own == 0 and len(set(theirs)) == 1) else rivals
+            among = kept if len(there) < PER_PLACE or (own == 0 and len(set(theirs)) == 1) else competing
             among.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(shapes) == MOST:
             break
-    return kept, rivals
+    return kept, competing
 
 
 ROOM_PX = 12

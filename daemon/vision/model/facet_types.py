@@ -157,8 +157,8 @@ def facet_name(kind: str) -> str:
 
 def facets_counted(kinds: Iterable[str], joined: str = ", ") -> str:
     """`5 rectangles, 1 hexagon`, the most frequent type first."""
-    told = Counter(facet_name(kind) for kind in kinds).most_common()
-    return joined.join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in told)
+    counted = Counter(facet_name(kind) for kind in kinds).most_common()
+    return joined.join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counted)
 
 
 def _other_number(name: str) -> float:

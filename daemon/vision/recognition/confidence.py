@@ -24,7 +24,7 @@ from daemon.vision.geometry import Polyhedron, area_vector, measure
 from daemon.vision.model import FacetLibrary, MetricModel, Model, conditions, symmetries
 from daemon.vision.recognition.fits import FacetHypothesis
 
-STRANGER = 0.5  # how often something never taught lies in view
+UNTAUGHT = 0.5  # how often something never taught lies in view
 REGULAR = 0.5  # how often it is as regular as the facets' types say; else its right angles are all that is regular
 SPAN = np.log(8.0)  # sizes of parts are spread over a factor of eight, evenly in their logarithm
 NOISE_SIGMA, NOISE_DOF = 1.1, 12.0  # corner errors over predicted ones: what they usually are, worth so many measured
@@ -60,14 +60,14 @@ def weighed(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> 
     """Probability of each of the fits, which explain every facet: against each other and against strangers, whose it is
     what is left."""
     best = min(fits, key=lambda h: h.chi2)
-    stranger, noise2 = by_chance(seen, best, model)
+    untaught, noise2 = by_chance(seen, best, model)
     odds = list[float]()
     for h in fits:
         as_many = len(symmetries(model.metric[h.label].solid).corners)
         odds.append(as_many * float(np.exp((best.chi2 - h.chi2) / (2 * noise2) + h.nats)))
     # What pictures show besides tells taught parts apart; something not taught may have it as well.
-    stranger *= STRANGER / (1 - STRANGER) * float(np.exp(max(0.0, *(h.nats for h in fits))))
-    total = sum(odds) + stranger
+    untaught *= UNTAUGHT / (1 - UNTAUGHT) * float(np.exp(max(0.0, *(h.nats for h in fits))))
+    total = sum(odds) + untaught
     return [weight / total for weight in odds]
 
 
@@ -187,8 +187,8 @@ def _bonds_of_facets(solid: Polyhedron, library: FacetLibrary) -> tuple[_FacetBo
         measures, area = measure(points), area_vector(points)
         a, b = conditions(measures, kind, library)
         right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
-        said = a @ measures.jacobian
-        firm, more = np.concatenate([_plane(points, area), said[right]]), said[~right]
+        stated = a @ measures.jacobian
+        firm, more = np.concatenate([_plane(points, area), stated[right]]), stated[~right]
         found.append(_FacetBonds(firm.reshape(-1, len(ring), 3), more.reshape(-1, len(ring), 3), area))
     return tuple(found)
 

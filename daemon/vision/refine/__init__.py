@@ -4,7 +4,7 @@ from daemon.vision.refine.edge_adjustment import PRIOR, WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
-    edges_gone,
+    edges_vanished,
     facets_laid,
     facets_shown,
     fit_at,
@@ -47,7 +47,7 @@ __all__ = [
     "aligned_to_edges",
     "edge_samples_of",
     "edge_support",
-    "edges_gone",
+    "edges_vanished",
     "facets_laid",
     "facets_shown",
     "fit_at",

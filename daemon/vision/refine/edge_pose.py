@@ -75,7 +75,7 @@ LEAST_SHOWN = 0.9
 camera speaks for these or against them. Of 52 look-alikes seen so, each taught alone, 16 have their names without this,
 33 with it, and 44 where .8 is enough; of as many strangers that can be told from the part taught 3, 3 and 5 have one
 (python -m tests.bench.look_alikes 20 --one-camera)."""
-LEAST_BORNE = 0.4
+LEAST_SHARE = 0.4
 """Of the evidence that the edges of a part could give, what they must where it is settled. Of 41 parts in the gripper
 the edges gave .41 to 1 at their place; from 3 mm beside it they led to places where they gave .38 and less, or more
 only where the part was turned by 2 degrees and more, which its covariance forbids."""
@@ -244,7 +244,7 @@ def _settled(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None
     laid = SolidBatch.of([shape])
     pose = aligned_to_edges(laid, images, near[None], TOLERANCE_MM)[0]
     samples = edge_samples_of(laid, images, pose[None], TOLERANCE_MM)
-    if EdgeEvidence.of(samples).share < LEAST_BORNE:
+    if EdgeEvidence.of(samples).share < LEAST_SHARE:
         return None
     fit, _ = fit_at(shape, images, pose, TOLERANCE_MM, samples)
     return fit if fit.matched else None
@@ -264,7 +264,7 @@ def edge_support(shape: Polyhedron, images: StereoImages, near: Array, reach_mm:
     return 0.0 if found is None or not _borne_out(found) else clear_share(found, images)
 
 
-def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
+def edges_vanished(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
     """How surely a part lay within some reach_mm of `near` (4, 4) cyclopean_from_part before, and does no longer: the
     share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
     """

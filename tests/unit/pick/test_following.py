@@ -132,7 +132,7 @@ def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as
             return float(shown(args[-1]))
 
         monkeypatch.setattr(following, "edge_support", share)
-        monkeypatch.setattr(following, "edges_gone", share)
+        monkeypatch.setattr(following, "edges_vanished", share)
         for asked in (lambda: in_hand(target, look, mount, DOUBT), lambda: left_hand(target, look, look, mount, DOUBT)):
             sought.clear()
             assert asked() is (where != "none")

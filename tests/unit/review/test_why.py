@@ -33,7 +33,7 @@ from daemon.review.why import PLANNED, _all_moves, _beyond, _text, causes, in_pl
 from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
 from daemon.store.yamlfile import kinds_of
-from daemon.vision.health import MEASURES, SAID
+from daemon.vision.health import ADVICE, MEASURES
 from drivers.camera.controls import KNOWN as CONTROLS
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
@@ -100,7 +100,7 @@ def measured(findings: dict[str, str], cause: str = "hidden") -> Callable[[MadeR
 
 
 def nameless(cause: str) -> Callable[[MadeRun], None]:
-    words = next(said.words for unnamed, said in SAID.items() if unnamed == cause)
+    words = next(said.words for unnamed, said in ADVICE.items() if unnamed == cause)
 
     def plant(made: MadeRun) -> None:
         made.cycle += 1
@@ -491,7 +491,7 @@ def test_a_picked_part_and_an_empty_table_need_no_cause(made: MadeRun) -> None:
 
 ADVICE = [
     *(cause.remedy for cause in CauseCode),
-    *(said.remedy for said in SAID.values()),
+    *(said.remedy for said in ADVICE.values()),
     *(measure.advice for measure in MEASURES.values()),
 ]
 CHOICES = {"calibrate": KINDS, "robot": ROBOT, "place": ACTS, "step": ("on", "off"), "go": ("home", "bin", "survey")}

@@ -135,9 +135,11 @@ def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch
 def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it_is_believed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    best = max(all_laid("cube"), key=lambda one: one.borne.nats if one.label == "cube" else 0.0)
-    twin = replace(best, label="pyramid", borne=best.borne._replace(nats=0.1 * best.borne.nats))
-    fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=EdgeEvidence(99.0, 1.0))
+    best = max(all_laid("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
+    twin = replace(best, label="pyramid", evidence=best.evidence._replace(nats=0.1 * best.evidence.nats))
+    fewer = replace(
+        best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), evidence=EdgeEvidence(99.0, 1.0)
+    )
     for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
         monkeypatch.setattr(by_edges, "registered_near", lambda *_, others=others: iter(others))
         assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == names
@@ -147,9 +149,9 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A pyramid lay there whole; the stripes printed on its base were edges of a prism, which hung beside the table."""
-    best = max(all_laid("cube"), key=lambda one: one.borne.nats if one.label == "cube" else 0.0)
+    best = max(all_laid("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
     less_of_it = replace(best, seen=(less(best.seen[0]), best.seen[1]))
-    rival = replace(best, label="pyramid", borne=best.borne._replace(nats=0.5 * best.borne.nats))
+    rival = replace(best, label="pyramid", evidence=best.evidence._replace(nats=0.5 * best.evidence.nats))
     for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
         laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
         monkeypatch.setattr(by_edges, "registered_near", lambda *_, laid=laid: iter(laid))
@@ -164,18 +166,18 @@ def less(seen: EdgeSamples) -> EdgeSamples:
 
 
 def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    good = max(all_laid("cube"), key=lambda one: one.borne.nats)
+    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
     assert confidence(good) > 0.99
-    assert confidence(replace(good, borne=EdgeEvidence(5.0, 0.8))) == 0.0
-    assert confidence(replace(good, borne=EdgeEvidence(50.0, 0.3))) == 0.0
+    assert confidence(replace(good, evidence=EdgeEvidence(5.0, 0.8))) == 0.0
+    assert confidence(replace(good, evidence=EdgeEvidence(50.0, 0.3))) == 0.0
     monkeypatch.setattr(by_edges, "self_similarity", lambda *_: 9.0)
-    assert confidence(replace(good, borne=EdgeEvidence(50.0, 1.0))) < LEAST_CONFIDENCE
+    assert confidence(replace(good, evidence=EdgeEvidence(50.0, 1.0))) < LEAST_CONFIDENCE
 
 
 def test_a_part_that_is_sure_beyond_all_digits_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 144 looks at machined parts two ended in an error: 1 - confidence was nought."""
-    good = max(all_laid("cube"), key=lambda one: one.borne.nats)
-    sure = replace(good, borne=EdgeEvidence(400.0, 1.0))
+    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    sure = replace(good, evidence=EdgeEvidence(400.0, 1.0))
     assert confidence(sure) == 1.0
     monkeypatch.setattr(by_edges, "registered_near", lambda *_: iter([sure]))
     assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == [sure.label]
@@ -183,7 +185,7 @@ def test_a_part_that_is_sure_beyond_all_digits_is_named(monkeypatch: pytest.Monk
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
     """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth."""
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(45.0, 1.0))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(45.0, 1.0))
     few, many = confidence(weak, tests=2000), confidence(weak, tests=32000)
     assert few / (1 - few) == pytest.approx(16 * many / (1 - many))
     assert confidence(weak, tests=10**9) == 0.0
@@ -202,18 +204,18 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
 
 
 def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
-    images, good = images_of("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=EdgeEvidence(45.0, 0.7), tries=2.0)
+    images, good = images_of("cube"), max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    weak = replace(good, evidence=EdgeEvidence(45.0, 0.7), tries=2.0)
     tests = round(np.exp(weak.odds - 1.0))
     anew = by_edges._undecided([weak], tests, images)
     assert len(anew) > 1
     assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
-    strong = replace(weak, borne=EdgeEvidence(100.0, 0.7))
+    strong = replace(weak, evidence=EdgeEvidence(100.0, 0.7))
     assert by_edges._undecided([strong], 1, images) == [], "this one is sure"
 
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
     monkeypatch.setattr(by_edges, "face_consistency", lambda *_, **__: 0.2)
     assert confidence(weak) < LEAST_CONFIDENCE - 0.2
@@ -222,7 +224,7 @@ def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest
 def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_it_has_only_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    best = max((one for one in all_laid("pyramid") if one.label == "pyramid"), key=lambda one: one.borne.nats)
+    best = max((one for one in all_laid("pyramid") if one.label == "pyramid"), key=lambda one: one.evidence.nats)
 
     def doubt(turned_deg: float) -> float:
         pose = best.pose @ frames.rigid(frames.rotation_from_vector(np.radians([turned_deg, 0.0, 0.0])), np.zeros(3))
@@ -236,7 +238,7 @@ def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_i
 
 
 def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
     monkeypatch.setattr(by_edges, "self_similarity", lambda *_: 0.95)
     assert confidence(weak) < LEAST_CONFIDENCE
@@ -246,17 +248,17 @@ def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.Monkey
 def test_other_parts_are_laid_at_a_place_only_where_something_there_may_have_a_name(
     promising: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good = max(all_laid("cube"), key=lambda one: one.borne.nats)
-    one = good if promising else replace(good, borne=EdgeEvidence(10.0, 0.3))
+    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    one = good if promising else replace(good, evidence=EdgeEvidence(10.0, 0.3))
     rival = search.EdgeHypothesis("pyramid", good.pose)
-    laid = by_edges._with_rivals(scene("cube"), [one], [rival], 1000)
+    laid = by_edges._with_competing(scene("cube"), [one], [rival], 1000)
     assert [other.label for other in laid] == ([one.label, "pyramid"] if promising else [one.label])
 
 
 def test_beyond_a_few_at_one_place_others_are_but_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "PER_PLACE", 1)
     few = hypotheses_from_junctions(scene("cube"), lambda: 0.0)
-    assert [one.label for one in few.likely] == [one.label for one in few.rivals] == ["cube"]
+    assert [one.label for one in few.likely] == [one.label for one in few.competing] == ["cube"]
 
 
 def test_of_two_parts_that_could_be_at_one_place_both_are_laid_however_many_poses_of_the_first_fit_better(
@@ -284,8 +286,8 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
 
 
 def test_little_evidence_names_a_part_that_lies_on_the_table_and_none_that_hangs_above_it() -> None:
-    good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=EdgeEvidence(34.0, 0.75))
+    good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.evidence.nats)
+    weak = replace(good, evidence=EdgeEvidence(34.0, 0.75))
     lies, nobody_knows, hangs = (replace(weak, rests=resting_planes) for resting_planes in (True, None, False))
     assert hangs.odds < nobody_knows.odds < lies.odds
     assert confidence(hangs) == confidence(nobody_knows) == 0.0 < LEAST_CONFIDENCE < confidence(lies)
@@ -300,7 +302,7 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     grounds = []
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: there if seen else None)
     monkeypatch.setattr(registered, "lies_on_support", lambda ground, solid, pose: grounds.append(ground))
-    named_by_edges(images_of("cube"), model(), [], told=known)
+    named_by_edges(images_of("cube"), model(), [], known_table=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
 
 
@@ -315,7 +317,7 @@ def test_a_part_of_which_the_cameras_see_no_corner_together_is_named_where_it_re
     monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 1000))
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: None)
     assert named_by_edges(images_of(name), model(), []).named == [], "nobody knows of a table"
-    (found,) = named_by_edges(images_of(name), model(), [], told=below(name)).named
+    (found,) = named_by_edges(images_of(name), model(), [], known_table=below(name)).named
     corners = frames.apply(WHERE, KNOWN[name].corners_mm)
     off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
     assert (found.label, off.max() < 1.5) == (name, True)
@@ -335,11 +337,11 @@ def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.
     monkeypatch.setattr(
         by_edges, "hypotheses_on_support", lambda scene, spent: asked.append(scene) or RankedHypotheses([], 0)
     )
-    known = named_by_edges(images_of("cube"), model(), [], told=TABLE).named
+    known = named_by_edges(images_of("cube"), model(), [], known_table=TABLE).named
     assert (len(known), asked) == (1, [])
-    named_by_edges(images_of(None), model(), known, told=TABLE)
+    named_by_edges(images_of(None), model(), known, known_table=TABLE)
     assert asked == []
-    named_by_edges(images_of(None), model(), [], told=TABLE)
+    named_by_edges(images_of(None), model(), [], known_table=TABLE)
     assert len(asked) == 1
 
 
@@ -394,7 +396,9 @@ def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
 ) -> None:
     best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
     farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
-    other = replace(best, pose=farther, borne=EdgeEvidence(best.borne.nats - nats_less, best.borne.share), tries=7.0)
+    other = replace(
+        best, pose=farther, evidence=EdgeEvidence(best.evidence.nats - nats_less, best.evidence.share), tries=7.0
+    )
     spread = by_edges._spread(best, [best, other], best.pose[None])
     assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
     assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm

@@ -126,7 +126,7 @@ def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_
     scene = look(*pictures, true_rig(cell()), other)
     assert not any(part.named for part in scene.parts)
     assert any("of what that should show is in neither picture" in part.recognition.reason for part in scene.parts)
-    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
+    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_DUPLICATE", 1.0)
     assert any(part.named for part in look(*pictures, true_rig(cell()), other).parts)
 
 
@@ -189,10 +189,10 @@ def test_nothing_of_a_part_outside_both_pictures_is_missing() -> None:
 
 def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
     for largest in np.diag([0.3, 300.0, 300.0, 40.0]):
-        chances = [Against(*(share * largest)).twin for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
+        chances = [Against(*(share * largest)).duplicate for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
         assert chances == sorted(chances)
         assert chances[0] < PRIOR
-        assert chances[-1] > counter_evidence.MOST_LIKELY_TWIN
+        assert chances[-1] > counter_evidence.MOST_LIKELY_DUPLICATE
 
 
 def test_it_is_said_what_speaks_most_against_a_part() -> None:

@@ -12,8 +12,8 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.evidence import by_edges
+from daemon.vision.evidence.near_duplicates import LEAST_APART, ahead_of_sizes, cut_off
 from daemon.vision.evidence.photo_consistency import face_consistency
-from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, cut_off
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image import StereoImages, open_stereo

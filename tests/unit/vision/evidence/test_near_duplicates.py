@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.vision.evidence.edge_places import PLACES, EdgePlaces
-from daemon.vision.evidence.rivals import (
+from daemon.vision.evidence.near_duplicates import (
     LEAST_CUT,
     MOST_CUT,
     STRETCHED,

@@ -11,7 +11,7 @@ import pytest
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import registered
-from daemon.vision.evidence.counter_evidence import MOST_LIKELY_TWIN, speaks_against
+from daemon.vision.evidence.counter_evidence import MOST_LIKELY_DUPLICATE, speaks_against
 from daemon.vision.evidence.edge_places import PLACES, edge_places
 from daemon.vision.evidence.occlusion import Hidden, hidden_of, hidden_places
 from daemon.vision.evidence.registered import registered_at
@@ -68,7 +68,8 @@ def test_edges_behind_something_nearer_are_hidden_and_do_not_speak_against_a_par
     missing, covered = hidden(images_of(70.0))
     assert missing > 0.05
     assert covered > 0.7
-    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images_of(70.0)).twin < MOST_LIKELY_TWIN
+    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images_of(70.0))
+    assert against.duplicate < MOST_LIKELY_DUPLICATE
 
 
 def test_what_touches_a_part_hides_its_edges_where_its_own_run_on_across_them() -> None:
@@ -132,4 +133,4 @@ def test_a_corner_that_is_not_there_is_hidden_by_nothing() -> None:
     missing, covered = hidden(images)
     assert missing > 0.05
     assert covered < 0.2
-    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images).twin > MOST_LIKELY_TWIN
+    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images).duplicate > MOST_LIKELY_DUPLICATE

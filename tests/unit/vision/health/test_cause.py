@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daemon.vision.health import SAID, cause_of_nothing, depth_doubt, with_causes
+from daemon.vision.health import ADVICE, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.values import Cause, Facet, NearestGuess, Part, Recognition
 
 Image = NDArray[np.uint8]
@@ -50,7 +50,7 @@ def guess(*shows: bool) -> NearestGuess:
 def cause(one: Part, levels: np.ndarray, *others: Part, guesses: tuple[NearestGuess, ...] = ()) -> Cause:
     found = with_causes((*others, one), guesses, noisy(levels))[-1].recognition
     assert found.cause is not None
-    assert found.reason == f"{SAID[found.cause].words} (a square)"
+    assert found.reason == f"{ADVICE[found.cause].words} (a square)"
     return found.cause
 
 

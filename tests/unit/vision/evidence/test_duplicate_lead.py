@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon.vision.evidence import counter_evidence, rivals
+from daemon.vision.evidence import counter_evidence, near_duplicates
 from daemon.vision.evidence.counter_evidence import RIVAL_NATS
 from daemon.vision.evidence.edge_places import edge_places
-from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival, without_corner
+from daemon.vision.evidence.near_duplicates import DuplicateLead, by_own_edges, duplicate_lead, without_corner
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
@@ -38,8 +38,8 @@ def shown(corners_mm: np.ndarray, facets) -> list[EdgeSamples]:
     return edge_samples_of(SolidBatch.of([exact(corners_mm, facets)]), images(), WHERE[None], 0.25)
 
 
-def rival_of(solid: Polyhedron, where: np.ndarray, images_of: StereoImages) -> UntaughtRival:
-    return untaught_rival(solid, where, images_of, edge_places(solid, where, images_of))
+def rival_of(solid: Polyhedron, where: np.ndarray, images_of: StereoImages) -> DuplicateLead:
+    return duplicate_lead(solid, where, images_of, edge_places(solid, where, images_of))
 
 
 def longer(body: Body, share: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def test_an_edge_that_is_not_there_speaks_against_the_part_that_has_it() -> None
 @pytest.mark.parametrize("seed", [6, 26, 46])
 def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the part that lies there, and of its mirror image as the same look takes it to lie there."""
-    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
+    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_DUPLICATE", 1.0)
     pair, lies, photo = look_alikes.shown("mirror", seed)
     images_of, nats = open_stereo(photo.left, photo.right, true_rig(cell())), list[float]()
     for part in (pair.parts[lies], pair.parts[1 - lies]):
@@ -110,9 +110,9 @@ def test_a_tip_that_is_seen_from_the_side_alone_tells_by_the_outline(monkeypatch
     """Its facets are too thin to be measured by themselves; what they stick out shows."""
     pair, lies, photo = look_alikes.shown("dihedral", 28)
     images_of, model = open_stereo(photo.left, photo.right, true_rig(cell())), taught((pair.parts[1 - lies],))
-    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
+    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_DUPLICATE", 1.0)
     (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
     solid = model.metric[found.recognition.label].solid
     assert rival_of(solid, found.cyclopean_from_part, images_of).nats > RIVAL_NATS / 2
-    monkeypatch.setattr(rivals, "BY_OUTLINE_PX", THIN_PX)
+    monkeypatch.setattr(near_duplicates, "BY_OUTLINE_PX", THIN_PX)
     assert rival_of(solid, found.cyclopean_from_part, images_of).nats == 0.0

@@ -31,11 +31,11 @@ ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so n
 SAME_PX = 2.0  # an edge no farther off shows by the same slopes
 BY_OUTLINE_PX = (0.0, 0.0)
 """Near-duplicates differ by thin facets, which change the outline by what they stick out: none is too thin here. The
-rivals of right names in the tuned-on looks then lead by 4.1 nats at most instead of 12."""
+near-duplicates of right names in the tuned-on looks then lead by 4.1 nats at most instead of 12."""
 LEAST_APART = 1.5
 """Nats by which the edges that a part alone has must speak more for it than those that only another part, laid on the
 same place, has speak for that: less leaves the name open, however little the other would be believed. Of 99 names that
-edges give parts with twins that differ in a side this leaves 89 right and one wrong; of 184 without twins 182."""
+edges give parts with near-duplicates that differ in a side this leaves 89 right and one wrong; of 184 without 182."""
 
 
 def by_own_edges(one: Sequence[EdgeSamples], other: Sequence[EdgeSamples]) -> float:
@@ -76,31 +76,31 @@ def ahead_of_sizes(
     return min(by_own_edges(seen, [one.only(k, laid) for one in both]) for k in range(len(sizes)))
 
 
-class UntaughtRival(NamedTuple):
+class DuplicateLead(NamedTuple):
     """By how many nats a near-duplicate fits better than a part, 0 where none does; how it differs, in words."""
 
     nats: float = 0.0
     how: str = ""
 
 
-def untaught_rival(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> UntaughtRival:
+def duplicate_lead(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> DuplicateLead:
     """What the edges that only a near-duplicate has speak more for it than those that only the part has speak for that,
     at cyclopean_from_part (4, 4), whichever near-duplicate is ahead; both: what both images show along its edges."""
     others = near_duplicates(solid, pose, images, both)
     if not others:
-        return UntaughtRival()
+        return DuplicateLead()
     laid = SolidBatch.of([solid, *(one.solid for one in others)])
     poses = pose[None].repeat(len(others) + 1, 0)
     shown = edge_samples_of(laid, images, poses, TOLERANCE_MM, BY_OUTLINE_PX)
     own, *theirs = ([seen.only(k, laid) for seen in shown] for k in range(len(others) + 1))
     ahead = [by_own_edges(seen, own) for seen in theirs]
     best = int(np.argmax(ahead))
-    return UntaughtRival(ahead[best], others[best].how) if ahead[best] > 0 else UntaughtRival()
+    return DuplicateLead(ahead[best], others[best].how) if ahead[best] > 0 else DuplicateLead()
 
 
 MIRRORED = 2
-"""Mirror images that are held against a part. With one five of twelve near twins that kept their names are told, with
-two seven, with twelve no more."""
+"""Mirror images that are held against a part. With one five of twelve near-duplicates that kept their names are found,
+with two seven, with twelve no more."""
 FLAT_MM = 1.0
 """Of the singular values of a rim's corners about their plane, what is none."""
 MET_MM, FARTHEST, SURE = 2.0, 1.5, 1e3
@@ -110,7 +110,7 @@ LEAST_CUT, MOST_CUT = 2 / 24, 0.9
 """Of an edge, what must be missing at a corner for it to be cut there, and the most that is cut off."""
 STRETCHED = 1.1, 1.5
 """How many times longer the missing end of an edge may be than it seems: beside a flat cut, the edge of the cut is
-taken for the part's. With both 21 of 72 near twins have a cut corner that leads by two nats, with 1.2 alone 13."""
+taken for the part's. With both 21 of 72 near-duplicates have a cut corner that leads by two nats, with 1.2 alone 13."""
 NEAR_END = 3
 """Places beside a corner of which one at least must be missing for the edge to end early."""
 MOST_ENDS = 3

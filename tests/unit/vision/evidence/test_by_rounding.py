@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from daemon.store.library import load_facets
-from daemon.vision.evidence import counter_evidence, rounding_rivals
+from daemon.vision.evidence import by_rounding, counter_evidence
+from daemon.vision.evidence.by_rounding import BorderSeen, borders_seen, nats_of, rounded_alike
 from daemon.vision.evidence.corner_rounding import bends, squared
 from daemon.vision.evidence.hole_rims import of_its_size
-from daemon.vision.evidence.rounding_rivals import BorderSeen, borders_seen, nats_of, rounded_alike
 from daemon.vision.geometry import exact
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
@@ -83,7 +83,7 @@ def test_a_part_is_named_by_its_corners(pair, shown, lies):
 
 
 def test_a_look_whose_corners_do_not_tell_says_which_two(pair, shown, monkeypatch):
-    monkeypatch.setattr(rounding_rivals, "nats_of", lambda borders: 0.5)
+    monkeypatch.setattr(by_rounding, "nats_of", lambda borders: 0.5)
     found, scene = named(pair, shown[0])
     assert not found
     assert any("sharp or rounded" in part.recognition.reason for part in scene.parts)
@@ -92,7 +92,7 @@ def test_a_look_whose_corners_do_not_tell_says_which_two(pair, shown, monkeypatc
 def test_of_some_looks_the_corners_alone_tell_a_rounded_part(pair, monkeypatch):
     photo = photograph(pair[1].shape, np.random.default_rng([9, 1]), distance_mm=(250.0, 280.0))
     assert [part.recognition.label for part in named(pair, photo)[0]] == ["rounded"]
-    monkeypatch.setattr(counter_evidence, "told_by_rounding", lambda one, *_: one)
+    monkeypatch.setattr(counter_evidence, "resolved_by_rounding", lambda one, *_: one)
     assert not named(pair, photo)[0]
 
 
@@ -109,7 +109,7 @@ def test_the_constants_are_those_of_the_kept_table():
 
 
 def test_a_look_that_shows_no_corner_that_tells_says_which_two(pair, shown, monkeypatch):
-    monkeypatch.setattr(rounding_rivals, "borders_seen", lambda *_: [])
+    monkeypatch.setattr(by_rounding, "borders_seen", lambda *_: [])
     found, scene = named(pair, shown[0])
     assert not found
     assert any("no corner shows that tells them apart" in part.recognition.reason for part in scene.parts)

@@ -1,6 +1,6 @@
 """Taught parts of one shape but for how round their corners are: which of them the pictures show.
 
-At a distance a block and its twin with rounded edges have the same facets and edges to a pixel or two; where their
+At a distance a block and one like it with rounded edges have the same facets and edges to a pixel or two; where their
 borders stay from the corners tells them apart, or else the look names neither. In: a named part at its pose, both
 images. Out: the part that its corners are of, or no name, and which two it may be.
 """
@@ -114,7 +114,7 @@ def _differing(one: Polyhedron, other: Polyhedron, one_from_other: Array) -> Ite
                 yield own, there[k]
 
 
-class _Rival(NamedTuple):
+class _Competitor(NamedTuple):
     """A part of the same shape but for its corners: its label, its pose (4, 4), and the nats by which the borders speak
     more for it than for the part that was named."""
 
@@ -123,9 +123,9 @@ class _Rival(NamedTuple):
     nats: float
 
 
-def told_by_rounding(one: Recognised, model: Model, images: StereoImages) -> Recognised:
+def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) -> Recognised:
     """A named part as that of its shape of which its corners are; without its name where they do not tell."""
-    pose, rivals, rounder = one.part.cyclopean_from_part, list[_Rival](), list[str]()
+    pose, competing, rounder = one.part.cyclopean_from_part, list[_Competitor](), list[str]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
     own = model.metric[one.label].solid
     for k in of_its_size(squared(own), _squared(solids)):
@@ -136,16 +136,16 @@ def told_by_rounding(one: Recognised, model: Model, images: StereoImages) -> Rec
             rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
             borders = borders_seen(own, solid, motion, pose, images)
             if borders:
-                rivals.append(_Rival(label, pose @ motion, -nats_of(borders)))
-    if not rivals and rounder:  # a sharp facet is found in a rounded one, and not the other way round
+                competing.append(_Competitor(label, pose @ motion, -nats_of(borders)))
+    if not competing and rounder:  # a sharp facet is found in a rounded one, and not the other way round
         why = f"may be {one.label} or {rounder[0]}: no corner shows that tells them apart"
         return without_name(one, why, one.part.recognition.confidence / 2, model)
-    if not rivals:
+    if not competing:
         return one
-    ahead = max(rivals, key=lambda rival: rival.nats)
+    ahead = max(competing, key=lambda competitor: competitor.nats)
     if ahead.nats < -APART:
         return one
-    others = [r.nats for r in rivals if r.label != ahead.label]
+    others = [r.nats for r in competing if r.label != ahead.label]
     if ahead.nats > APART and ahead.nats - max(others, default=-np.inf) > APART:
         return _renamed(one, ahead, model, images)
     why = f"may be {one.label} or {ahead.label}: how round its corners are does not tell"
@@ -178,22 +178,22 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
     return motions_onto(*sharp)
 
 
-def _renamed(one: Recognised, rival: _Rival, model: Model, images: StereoImages) -> Recognised:
+def _renamed(one: Recognised, competitor: _Competitor, model: Model, images: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
-    solid = model.metric[rival.label].solid
-    fit, numbers, facets, _ = measured_at(solid, rival.pose, images, model)
+    solid = model.metric[competitor.label].solid
+    fit, numbers, facets, _ = measured_at(solid, competitor.pose, images, model)
     if not numbers:
-        return without_name(one, f"may be {one.label} or {rival.label}", one.part.recognition.confidence, model)
+        return without_name(one, f"may be {one.label} or {competitor.label}", one.part.recognition.confidence, model)
     pose = fit.cyclopean_from_part
     corners = frames.apply(pose, solid.corners_mm)
     verdict = one.part.recognition
     name = replace(
         verdict,
-        label=rival.label,
+        label=competitor.label,
         runner_up=one.label,
-        confidence=verdict.confidence / (1 + float(np.exp(-rival.nats))),
-        candidates=(rival.label,),
-        reason=f"{verdict.reason}; its corners are as round as those of {rival.label}",
+        confidence=verdict.confidence / (1 + float(np.exp(-competitor.nats))),
+        candidates=(competitor.label,),
+        reason=f"{verdict.reason}; its corners are as round as those of {competitor.label}",
     )
     part = replace(
         one.part,
