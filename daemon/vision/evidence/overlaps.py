@@ -2,19 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import cv2
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.geometry import PlanarShape, Polyhedron
 from daemon.vision.hypotheses import COVERED
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, joined, recognised
+from daemon.vision.recognition import Recognised, nearest_first, recognised
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
@@ -50,9 +48,7 @@ def without_overlaps(
         )
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
-    before = (*named, *(r for r, _ in new))
-    holes = partial(hole_nats, images=images, tolerance_mm=model.parameters.tolerance_mm)
-    known = joined((*before, *rest), model, holes)
+    known = nearest_first((*named, *(r for r, _ in new), *rest))
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 
