@@ -27,7 +27,7 @@ DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners
 
 def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
     """For each look its corners' numbers, one number where looks measured one corner: the surest corners first, each
-    the nearest that is near enough and is not of its own outline already. What one look told apart only another's
+    the nearest that is near enough and is not of its own outline already. What one look separated only another's
     corner makes one. moved (N, 3) base, spread (N, 3, 3)."""
     owner = [np.full(len(points), -1, np.intp) for points in moved]
     widths = [_widths(points, rings) for points, rings in zip(moved, outlines, strict=True)]

@@ -1,5 +1,5 @@
-"""Do the cameras stand as the calibration says, left and right the right way round? Told by where the same points lie
-in the two images. Pure.
+"""Do the cameras stand as the calibration says, left and right the right way round? Decided by where the same points
+lie in the two images. Pure.
 
 Every point of the left image has its partner on its epipolar line in the right one. Swapped cameras put it elsewhere:
 above or below the line by twice what the cameras differ in height and tilt, and behind the cameras or absurdly far. A
@@ -44,7 +44,7 @@ class Assignment(Enum):
 
 def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> tuple[Assignment, float]:
     """Compare grey images (H, W) with the rig both ways round; and how far (px) the points are from their epipolar
-    lines as the rig has them, where RIGHT or NEITHER was told, else nan.
+    lines as the rig has them, where RIGHT or NEITHER was decided, else nan.
 
     NEITHER: most points are the same distance off their lines, whichever way round. UNKNOWN: too little to compare.
     """

@@ -155,7 +155,7 @@ def nearest_resting_plane(solid: Polyhedron, down: Array) -> tuple[Array, Array]
 def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: Baseline) -> tuple[PoseBatch, Array]:
     """Guesses that could be rests turned about a point of each until they are, and moved along the left camera's sight
     of it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction
-    for what was laid down. Others stay as they are.
+    for what was snapped to the table. Others stay as they are.
 
     Where a corner is the pictures say; how far away it is, and how a part is tilted in depth, the table says better.
     """

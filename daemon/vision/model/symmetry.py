@@ -41,7 +41,7 @@ class Turns(NamedTuple):
 @lru_cache(maxsize=4096)
 def symmetries(solid: Polyhedron) -> Turns:
     """The turns that take a solid onto itself, its holes onto holes, to EXACT_MM. A solid that was measured has no
-    other than none: what its corners differ by tells its turns apart."""
+    other than none: its turns differ by what its corners differ by."""
     return turns_onto_themselves((solid,), EXACT_MM)[0]
 
 
@@ -201,7 +201,7 @@ def _frames(a: Array, b: Array, c: Array) -> Array:
 
 def _facets_onto_facets(onto: Index, whose: Index, here: Index, facet: Index, owner: Index) -> Flags:
     """(T,) whether the corners of every facet come to lie on those of one, where corner k of the solid whose (T,) lies
-    on the corner onto (T, K) of it. Facets are told apart by sums of random numbers, one of each corner."""
+    on the corner onto (T, K) of it. Facets are identified by sums of random numbers, one of each corner."""
     if not len(onto):
         return np.zeros(0, bool)
     number = np.random.default_rng(1).integers(1, 2**62, size=(onto.shape[1],))
