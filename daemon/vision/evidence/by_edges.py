@@ -245,7 +245,7 @@ def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
     tolerance = search.model.parameters.tolerance_mm
 
     def nats(other: RegisteredPart) -> float:
-        return BY_NATS * other.borne.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
+        return BY_NATS * other.evidence.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
 
     laid = registered_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tries) for turn in turns])
     likely = [EdgeHypothesis(own.label, own.pose, own.tries) for own in sorted(laid, key=nats)[-MOST_TURNS:]]

@@ -177,7 +177,7 @@ def fit_each(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: flo
 def fit_of(found: Located, images: StereoImages) -> Fit | None:
     """The located pose moved a last time, by its edges and the rims of its holes, with its covariance, if so much of
     its outline is on its place in both cameras."""
-    if not _borne_out(found):
+    if not _supported(found):
         return None
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
@@ -190,7 +190,7 @@ def fit_of(found: Located, images: StereoImages) -> Fit | None:
     return Fit(final.pose, final.covariance, residual_mm, len(off_px))
 
 
-def _borne_out(found: Located) -> bool:
+def _supported(found: Located) -> bool:
     """Whether so much of a part's outline is on its place in both cameras that they hold its pose."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
@@ -261,7 +261,7 @@ def edge_support(shape: Polyhedron, images: StereoImages, near: Array, reach_mm:
     """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
     where too few of them show on their place."""
     found = locate(shape, images, near, reach_mm)
-    return 0.0 if found is None or not _borne_out(found) else clear_share(found, images)
+    return 0.0 if found is None or not _supported(found) else clear_share(found, images)
 
 
 def edges_vanished(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
@@ -269,7 +269,7 @@ def edges_vanished(shape: Polyhedron, before: StereoImages, after: StereoImages,
     share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
     """
     found = locate(shape, before, near, reach_mm)
-    if found is None or not _borne_out(found):
+    if found is None or not _supported(found):
         return 0.0
     now = measured([seen.edges for seen in found.observed], after)
     then, still = (
