@@ -251,11 +251,12 @@ class LineSession:
         Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
         came twice."""
         answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
-        unasked = answer.question is not None or answer.errors
-        if not unasked and (commands.answers_nothing(text) or answer.where is not None):
+        if answer.question is None and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]
-            self._refuse_others([line for line in lines if _is_no_noise(line)])
-            if len(lines) < len(answer.of_text):
+            # A refusal may have lines of its own; what follows a prompt was typed, and the error may be its answer.
+            others = [line for line in lines if line.startswith(".") and line.strip(". ")] if answer.errors else lines
+            self._refuse_others([line for line in others if _is_no_noise(line)])
+            if not answer.errors and len(lines) < len(answer.of_text):
                 raise Garbled(f"of the answer to {text!r} a line came twice")
         return answer
 

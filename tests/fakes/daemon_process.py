@@ -67,7 +67,7 @@ class Daemon:
         with DaemonLink(self.folder / "facetd.sock") as link:
             return link.do(text, "test", lambda _: None)
 
-    def description(self) -> str:
+    def stderr(self) -> str:
         return (self.folder / "stderr").read_text()
 
     def ends(self, seconds: float = 20.0) -> int:

@@ -151,7 +151,7 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     assert refused["status"] == 1
     assert "pick.order: expected one of nearest, surest, found 'biggest'" in refused["text"]
     daemon.process.send_signal(signal.SIGHUP)
-    until(lambda: daemon.told().count("refused, the configuration is unchanged") >= 2, "the signal's answer")
+    until(lambda: daemon.stderr().count("refused, the configuration is unchanged") >= 2, "the signal's answer")
     daemon.hears("RELOADING=1")
     daemon.hears("READY=1")
     daemon.config.write_text(good + "arm: {port: /dev/other}\n")
@@ -242,7 +242,7 @@ def test_killed_in_mid_cycle_it_comes_back_with_nothing_moving_and_asks(
 def bad_start(folder: Path, config: str, *arguments: str) -> tuple[int, str]:
     daemon = Daemon(folder, config, arguments)
     try:
-        return daemon.ends(30), daemon.told()
+        return daemon.ends(30), daemon.stderr()
     finally:
         daemon.close()
         shutil.rmtree(folder, ignore_errors=True)

@@ -1021,6 +1021,24 @@ def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(h
         assert within or (voided, stop_seen) == (1, 0)
 
 
+@pytest.mark.parametrize("line", ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}"])
+def test_what_somebody_types_behind_our_prompt_and_gets_refused_is_theirs_and_no_refusal_of_ours(line: str) -> None:
+    """Their refused line must not hide the next one, which is carried out: here a program speed of 300 percent."""
+    theirs = ".DO DRIVE 1,85,90\r\n*Joint 1 out of range*\r\n.DO SPEED 300 ALWAYS"
+
+    async def story() -> list[str]:
+        port = Scripted(lambda typed, nth: (f"\r\n{theirs}" if typed == line else "") + usual(typed, nth))
+        link = linked(port)
+        await link.open()
+        await link.prove_stop()
+        with pytest.raises(Disturbed, match="DO SPEED 300 ALWAYS"):
+            await link.move_straight(GOAL, start=START)
+        assert not link.stop_seen
+        return port.lines
+
+    assert "DO MOVES GOAL" not in lived(story())
+
+
 @pytest.mark.parametrize("line", ["SPEED 40", f"DO SET GOAL={TRANS}"])
 def test_a_second_prompt_to_a_line_before_a_move_keeps_the_move_back(line: str) -> None:
     """Where nothing is echoed the prompt is all that is heard of what somebody else typed."""
