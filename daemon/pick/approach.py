@@ -6,7 +6,7 @@ from typing import Literal
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
-from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
+from daemon.pick.following import NEAR_MM, Target, beside, expected_at, fitted, others, sighted
 from daemon.pick.looks import whole_look
 from daemon.pick.plan import same_grasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
@@ -46,7 +46,8 @@ async def looking(
 ) -> Literal[PickEvent.LOOKED, PickEvent.ELSEWHERE, PickEvent.LOST]:
     """Look, and find the target again."""
     target = world.the_target()
-    seen = await look(context, world, "approach", expecting(target))
+    expected = expected_at(target.label, target.shape, target.world_from_part, target.confidence)
+    seen = await look(context, world, "approach", expected)
     target.looked_before, target.look, target.looks = target.look, seen, target.looks + 1
     fit = seen.tracked or await context.cell.compute(fitted, target, seen)
     if fit is not None:

@@ -68,22 +68,7 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.HOME: take.home,
 }
 PERMITS: dict[PickState, str] = {
-    **dict.fromkeys(
-        (
-            PickState.SURVEY,
-            PickState.CHOOSE,
-            PickState.SECOND_VIEW,
-            PickState.STOP_N,
-            PickState.LOOKING,
-            PickState.ESTIMATING,
-            PickState.FINAL,
-            PickState.CLOSING,
-            PickState.RETREAT,
-            PickState.VERIFY,
-            PickState.LOOK_AT_LAID,
-        ),
-        "permit_pick",
-    ),
+    **dict.fromkeys(HANDLERS.keys() - {PickState.HOME}, "permit_pick"),
     **dict.fromkeys((PickState.BIN, PickState.SET_DOWN, PickState.LOOK_AT_PLACE), "permit_place"),
 }
 """Which permit of the line each move of arm or gripper needs, by the state of the pick; the way home needs none."""

@@ -148,15 +148,9 @@ def _in_its_place(shape: Polyhedron, world_from_part: Array, taken: Taken) -> Fi
     return by_edges(shape, taken, frames.inverse(taken.world_from_cyclopean) @ world_from_part, REACH_MM)
 
 
-def expecting(target: Target) -> Expected:
-    """The target, looked for by its edges where it should be."""
-    fit = partial(_in_its_place, target.shape, target.world_from_part)
-    return Expected(target.label, target.confidence, target.shape, fit)
-
-
-def at_place(shape: Polyhedron, world_from_part: Array) -> Callable[[Taken], Fit | None]:
-    """What finds a part by its edges where it was set down."""
-    return partial(_in_its_place, shape, world_from_part)
+def expected_at(label: str, shape: Polyhedron, world_from_part: Array, confidence: float = 1.0) -> Expected:
+    """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name."""
+    return Expected(label, confidence, shape, partial(_in_its_place, shape, world_from_part))
 
 
 def still_there(target: Target, look: Look) -> bool:

@@ -321,7 +321,7 @@ class PlaceTable:
 
     def has(self, label: str) -> bool:
         """Whether parts of this label go to places, and not to the bin."""
-        return any(place.part == label for place in self.places.places)
+        return label in self.labels
 
     def free(self, label: str, name: str | None = None) -> list[Goal]:
         """Goals that a part may be brought to, in the order in which they are filled; name: only this place, or those

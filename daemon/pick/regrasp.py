@@ -197,7 +197,7 @@ class Regrasping:
         """Those of the part as it lies: of the table where it lies on one of its sides."""
         gripper, settings = self.settings.gripper.turning, self.settings
         assert gripper is not None
-        downs = np.einsum("sj,j->s", self.table.lying[:, 2, :3], pose[2, :3])
+        downs = self.table.lying[:, 2, :3] @ pose[2, :3]
         side = int(downs.argmax()) if len(downs) else 0
         if not len(downs) or downs[side] < np.cos(NEARLY_FLAT_RAD):
             table_z_mm, error_mm = settings.limits.table_z_mm, settings.stops.enough_mm

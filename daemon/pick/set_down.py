@@ -25,7 +25,7 @@ from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick.following import (
     Target,
-    at_place,
+    expected_at,
     held_by_edges,
     held_pose,
     in_hand,
@@ -34,7 +34,7 @@ from daemon.pick.following import (
     sighted,
 )
 from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed
-from daemon.pick.looks import Expected, Look, Taken
+from daemon.pick.looks import Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult, not_looked_at
 from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
@@ -101,11 +101,11 @@ async def set_down(
     )
     where = goal.description
     if not mover.dry:
-        _note(context, world, goal, PlaceStatus.CLAIMED)
+        _note(context, world, goal, PlaceFinding(PlaceStatus.CLAIMED))
     try:
         await travel(context, world, way.over, f"over {where}")
         if await _lost(context, target):
-            _note(context, world, goal, PlaceStatus.FREE, why="the part was lost on the way")
+            _note(context, world, goal, PlaceFinding(PlaceStatus.FREE, why="the part was lost on the way"))
             why = "the gripper's sensor says that it holds nothing, and the part does not show in it"
             context.decide(f"{target.label} was lost on the way", why, CauseCode.PART_SLIPPED, label=target.label)
             return PickEvent.LOST
@@ -114,7 +114,7 @@ async def set_down(
     except MOVE_ERRORS as error:
         raise_if_closed(error)
         if not mover.dry:
-            _note(context, world, goal, PlaceStatus.FREE, why=f"no way there: {error}")
+            _note(context, world, goal, PlaceFinding(PlaceStatus.FREE, why=f"no way there: {error}"))
         context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
         return PickEvent.UNREACHABLE
     if mover.dry:
@@ -122,7 +122,7 @@ async def set_down(
         return PickEvent.DRY
     await mover.still_there(f"the gripper is to open at {where}")
     world.laid += goal.between
-    _note(context, world, goal, PlaceStatus.SET)
+    _note(context, world, goal, PlaceFinding(PlaceStatus.SET))
     world.set_down_at = None if goal.between else goal.place.name
     await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
     if not goal.between:
@@ -230,7 +230,7 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     if shape is None or len(found) != 1:
         raise RefusedError(f"{len(found)} parts show as {label}: one must, and must lie where it belongs")
     pose, centre = found[0].world_from_part, found[0].centre
-    expected = Expected(label, 1.0, shape, at_place(shape, pose))
+    expected = expected_at(label, shape, pose)
     sightings: list[Sighting] = []
     viewpoints: list[Array] = []
     while len(viewpoints) < (0 if context.mover.dry else MOST_LOOKS):
@@ -314,11 +314,12 @@ async def _judge(
     """Look at a place from where the arm is at rest, and again from another side as long as what the looks say together
     is nearer to the tolerance than it may err, or a look does not show the part: what they say, and the last of them.
     empty: what a place is that shows nothing."""
+    expected = expected_at(goal.place.part, goal.shape, goal.poses[0])
     sightings: list[Sighting] = []
     viewpoints: list[Array] = []
     doubt, rig = context.settings.doubt, context.cell.rig
     while True:
-        seen = await look(context, world, f"place {goal.place.name}", _expecting(goal))
+        seen = await look(context, world, f"place {goal.place.name}", expected)
         viewpoints.append(seen.world_from_cyclopean[:3, 3])
         fit = seen.tracked or named_at(goal, seen)
         if fit is not None:
@@ -331,22 +332,18 @@ async def _judge(
         except MOVE_ERRORS as error:
             raise_if_closed(error)
             break
-    _note(context, world, goal, found.status, found.off, found.why, found.pose)
+    _note(context, world, goal, found)
     return found, seen
-
-
-def _expecting(goal: Goal) -> Expected:
-    return Expected(goal.place.part, 1.0, goal.shape, at_place(goal.shape, goal.poses[0]))
 
 
 @dataclass(frozen=True)
 class PlaceFinding:
-    """What looks say of a place. sure: whether one more would not change it; pose: world_from_part (4, 4) mm of the
-    part that belongs there, None: it was not seen."""
+    """The status of a place, and what looks say of it. sure: whether one more would not change it; pose:
+    world_from_part (4, 4) mm of the part that belongs there, None: it was not seen."""
 
     status: PlaceStatus
-    off: PlaceDeviation | None
-    why: str
+    off: PlaceDeviation | None = None
+    why: str = ""
     sure: bool = False
     pose: Array | None = None
 
@@ -392,19 +389,11 @@ def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
     return PlaceFinding(PlaceStatus.RIGHT if right else PlaceStatus.OFF, off, why, sure, estimate.world_from_part)
 
 
-def _note(
-    context: PickContext,
-    world: WorldModel,
-    goal: Goal,
-    status: PlaceStatus,
-    off: PlaceDeviation | None = None,
-    why: str = "",
-    pose: Array | None = None,
-) -> None:
+def _note(context: PickContext, world: WorldModel, goal: Goal, found: PlaceFinding) -> None:
     """The disk first, then the log. What is laid on the table in between has no status on the disk: until it is let go
-    the record of the gripper says where it is, and after that it is a part on the table. pose: as it was seen."""
-    place = goal.place
-    off_mm, off_deg, height_mm = (None, None, None) if off is None else off
+    the record of the gripper says where it is, and after that it is a part on the table."""
+    place, status, why = goal.place, found.status, found.why
+    off_mm, off_deg, height_mm = found.off or (None, None, None)
     if goal.between:
         if status not in (PlaceStatus.CLAIMED, PlaceStatus.FREE):
             context.cell.log.record(
@@ -416,7 +405,7 @@ def _note(
                 off_mm=off_mm,
                 off_deg=off_deg,
                 why=why,
-                world_from_part=goal.poses[0] if pose is None else pose,
+                world_from_part=goal.poses[0] if found.pose is None else found.pose,
                 outline=goal.outline,
             )
         return

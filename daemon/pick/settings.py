@@ -63,7 +63,7 @@ class Settings:
     """Places from which to look at the table, in order, until a part has a name."""
     last_surveys: tuple[SurveyView, ...] = (
         SurveyView(heading_deg=-90.0, tilt_deg=35.0),
-        SurveyView(heading_deg=0.0, tilt_deg=20.0),
+        SurveyView(tilt_deg=20.0),
     )
     """Further places to look from before the table counts as empty."""
     home: ToolPosition = ToolPosition((420.0, 0.0, 60.0), tilt_deg=20.0)

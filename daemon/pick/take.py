@@ -100,22 +100,7 @@ async def verify(
     if code is None:
         why = f"{target.label} {words}"
         world.result = PickResult(Outcome.RELEASED, why, None)
-        if target.way is not None:
-            target.held = await measure(context, target, seen.taken)
-            barred = target.way.goal.between and _barred(target.way.goal, seen)
-            if target.held is not None and not barred:
-                text = f"bring it to {target.way.goal.description}"
-                context.decide(text, why, DecisionCode.IN_GRIPPER, label=target.label)
-                return PickEvent.MEASURED
-            if barred:
-                why = f"{why}; something shows where it was to be laid down"
-                context.decide("bring it to the bin", why, CauseCode.NO_WAY_TO_PLACE, label=target.label)
-                return PickEvent.GONE
-            why = f"{why}; its edges there do not say how it is held"
-            context.decide("bring it to the bin, not to its place", why, DecisionCode.NOT_MEASURED, label=target.label)
-            return PickEvent.GONE
-        context.decide("bring it to the bin", why, DecisionCode.IN_GRIPPER, label=target.label)
-        return PickEvent.GONE
+        return await _where_to(context, target, seen, why)
     world.failures += 1
     world.result = PickResult(Outcome.MISSED, f"{target.label} {words}", code)
     why = f"{world.result.why}; the hand opens over the bin, as this look may err"
@@ -124,6 +109,28 @@ async def verify(
         skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", code)
     await let_go(context, world)
     return PickEvent.MISSED
+
+
+async def _where_to(
+    context: PickContext, target: Target, seen: Look, why: str
+) -> Literal[PickEvent.GONE, PickEvent.MEASURED]:
+    """Whether a part in the gripper goes to the bin or to its place, where its edges show well enough how it is held;
+    why: what speaks for its being there."""
+    event: Literal[PickEvent.GONE, PickEvent.MEASURED] = PickEvent.GONE
+    code: CauseCode | DecisionCode = DecisionCode.IN_GRIPPER
+    text = "bring it to the bin"
+    if target.way is not None:
+        goal = target.way.goal
+        target.held = await measure(context, target, seen.taken)
+        if goal.between and _barred(goal, seen):
+            why, code = f"{why}; something shows where it was to be laid down", CauseCode.NO_WAY_TO_PLACE
+        elif target.held is None:
+            text, code = "bring it to the bin, not to its place", DecisionCode.NOT_MEASURED
+            why = f"{why}; its edges there do not say how it is held"
+        else:
+            event, text = PickEvent.MEASURED, f"bring it to {goal.description}"
+    context.decide(text, why, code, label=target.label)
+    return event
 
 
 def _judged(
@@ -167,7 +174,7 @@ async def over_bin(
     """Let go above the bin; of a part that this pick grasped, look into the gripper before and after. What a pick
     brings counts as picked only where the two together show that the part left the gripper there."""
     target = world.target
-    await _to_the_bin(context, world, "bin")
+    await travel(context, world, context.settings.bin.pose(), "bin")
     before, lost = await gripper_pair(context, target), await sensed(context, "over the bin") is False
     await _open_gripper(context)
     if context.mover.dry:
@@ -214,12 +221,8 @@ def _shown_in_gripper(
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
     """Open the gripper above the bin: nowhere else does a pick open it, but at the place of a part that it grasped."""
-    await _to_the_bin(context, world, purpose)
-    await _open_gripper(context)
-
-
-async def _to_the_bin(context: PickContext, world: WorldModel, purpose: str) -> None:
     await travel(context, world, context.settings.bin.pose(), purpose)
+    await _open_gripper(context)
 
 
 async def _open_gripper(context: PickContext) -> None:

@@ -123,7 +123,8 @@ class PickContext:
         away_mm = moved_pair.distance_mm(world_from_camera, settings.limits.table_z_mm)
         for place in moved_pair.places_beside(world_from_camera, away_mm, known, back):
             try:
-                await mover.travel(place @ camera_from_tool, "beside, for the pair", self._sideways, straight=True)
+                pose = place @ camera_from_tool
+                await mover.travel(pose, "beside, for the pair", lambda _: settings.near_pct, straight=True)
             except MOVE_ERRORS as error:
                 raise_if_closed(error)
                 refused = str(error)
@@ -134,9 +135,6 @@ class PickContext:
             second = await taken_here(cell, beside, rest_s, settings.settling)
             return rest_s, moved_pair_of(cell, first, second, settings.doubt)
         raise RefusedError(f"no second picture can be taken beside this place: {refused}")
-
-    def _sideways(self, _: Array) -> float:
-        return self.settings.near_pct
 
     async def lit_look(self, reading: Reading, purpose: str) -> Look:
         """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp

@@ -100,6 +100,7 @@ def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after
     assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
     assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert "not seen where it was" in world.result.why
+    assert world.odd == {"not seen where it was thought to lie": context.settings.views_of_doubtful + 1}
 
 
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):

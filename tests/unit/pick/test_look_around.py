@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,12 +13,13 @@ from daemon import frames
 from daemon.arm.belief import BeliefSource
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.arrays import Array
-from daemon.pick import find, set_down
+from daemon.pick import find, following
 from daemon.pick.cycle import PickCycle
 from daemon.pick.find import in_all
 from daemon.pick.looks import Taken
 from daemon.pick.set_down import MOST_LOOKS
 from daemon.pick.world import Gained, WorldModel
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.refine import Fit
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
@@ -190,7 +190,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
     world = one_part()
     cycle = cycle_of(world)
     asyncio.run(cycle.go("survey"))
-    monkeypatch.setattr(set_down, "at_place", lambda _, pose: partial(_shows_at, pose))
+    monkeypatch.setattr(following, "_in_its_place", _shows_at)
     pose = asyncio.run(cycle.locate("cube"))
     looks = world.said("look")[1:]
     assert len(looks) == MOST_LOOKS
@@ -201,7 +201,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
         asyncio.run(cycle.locate("pyramid"))
 
 
-def _shows_at(pose: Array, taken: Taken) -> Fit:
+def _shows_at(_shape: Polyhedron, pose: Array, taken: Taken) -> Fit:
     """The edges of a part that show where it lies."""
     return Fit(frames.inverse(taken.world_from_cyclopean) @ pose, 1e-4 * np.eye(6), 0.1, 9)
 

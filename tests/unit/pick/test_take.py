@@ -11,6 +11,7 @@ from daemon import frames
 from daemon.arm import capsule_around
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError
+from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import take
 from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
@@ -120,6 +121,35 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     assert ("is gone" in world.result.why, "shows in" in world.result.why) == (True, False)
     if empty:
         assert np.allclose(fake.at, context.settings.bin.pose(), atol=0.1), "over the bin, as a look may err"
+
+
+@pytest.mark.parametrize(
+    ("held", "between", "barred", "event", "code"),
+    [
+        (np.eye(4), False, True, PickEvent.MEASURED, DecisionCode.IN_GRIPPER),
+        (np.eye(4), True, False, PickEvent.MEASURED, DecisionCode.IN_GRIPPER),
+        (np.eye(4), True, True, PickEvent.GONE, CauseCode.NO_WAY_TO_PLACE),
+        (None, False, False, PickEvent.GONE, DecisionCode.NOT_MEASURED),
+    ],
+    ids=["to its place", "to the table", "something lies there", "not measured"],
+)
+def test_a_part_that_has_a_place_goes_there_where_it_is_measured_and_the_table_is_free_and_the_log_says_why(
+    held, between, barred, event, code, monkeypatch
+):
+    async def measure(*_):
+        return held
+
+    decided = []
+    monkeypatch.setattr(take, "measure", measure)
+    monkeypatch.setattr(take, "_barred", lambda *_: barred)
+    context = SimpleNamespace(decide=lambda text, why, code, **_: decided.append((text, code)))
+    goal = SimpleNamespace(between=between, description="the place")
+    target = SimpleNamespace(label="cube", way=SimpleNamespace(goal=goal), held=None)
+    seen = SimpleNamespace(taken=None)
+    assert asyncio.run(take._where_to(context, target, seen, "it shows")) is event
+    (decision,) = decided
+    assert decision[1] is code
+    assert ("the place" in decision[0]) is (event is PickEvent.MEASURED)
 
 
 def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
