@@ -22,7 +22,7 @@ from daemon.pick.viewpoints import Reachable
 from daemon.store.place_file import CellPlaces, Fixture, Manner, Place, about_vertical, pattern_of
 from daemon.store.place_status import FILLABLE, UNSEEN, PlaceSpot, PlaceStatus, PlaceStatuses
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import turns_onto_themselves
+from daemon.vision.model import Axis, axis_of_revolution, turns_onto_themselves
 
 ALIKE_MM = 1.5
 """Turns of a part after which every corner is this near to one look the same: taught corners err by less than half."""
@@ -81,6 +81,28 @@ class Goal:
     def outline(self) -> list[list[float]]:
         """From above: (x, y) world mm of its corners, anticlockwise."""
         return outline_of(self.corners[:, :2])
+
+    def nearest(self, world_from_part: Array) -> Array:
+        """The one (4, 4) of the poses that look the same that is nearest to how a part lies: a body of revolution may
+        lie in any turn about its axis."""
+        corners = frames.apply(world_from_part, self.shape.corners_mm)
+        poses = [self._turned_as(pose, world_from_part) for pose in self.poses]
+        apart = [np.linalg.norm(frames.apply(pose, self.shape.corners_mm) - corners, axis=1).max() for pose in poses]
+        return poses[int(np.argmin(apart))]
+
+    def _turned_as(self, pose: Array, world_from_part: Array) -> Array:
+        """A pose turned about the axis of a body of revolution to be as near as it can to another one (4, 4)."""
+        if self.axis is None:
+            return pose
+        way, turn = self.axis.way, pose[:3, :3].T @ world_from_part[:3, :3]
+        sine = way @ [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        about = frames.rotation_from_vector(way * np.arctan2(sine, np.trace(turn) - way @ turn @ way))
+        return pose @ frames.rigid(about, self.axis.point_mm - about @ self.axis.point_mm)
+
+    @cached_property
+    def axis(self) -> Axis | None:
+        """That about which any turn of the part will do; None where one must be kept."""
+        return axis_of_revolution(self.shape) if self.place.manner.equivalents else None
 
     @property
     def spot(self) -> PlaceSpot:
@@ -274,8 +296,7 @@ def fixture_names(fixture: str | None, settings: Settings) -> tuple[str, ...]:
 def deviation(goal: Goal, world_from_part: Array) -> PlaceDeviation:
     """How far a part that lies like this is from its goal."""
     corners = frames.apply(world_from_part, goal.shape.corners_mm)
-    apart = [np.linalg.norm(frames.apply(p, goal.shape.corners_mm) - corners, axis=1).max() for p in goal.poses]
-    nearest = goal.poses[int(np.argmin(apart))]
+    nearest = goal.nearest(world_from_part)
     away = corners.mean(axis=0) - frames.apply(nearest, goal.shape.corners_mm).mean(axis=0)
     turned = float(np.degrees(frames.angle_between(nearest, world_from_part)))
     return PlaceDeviation(float(np.linalg.norm(away[:2])), turned, float(away[2]))

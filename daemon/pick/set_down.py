@@ -374,7 +374,11 @@ def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
     support: its height counts only where it is more than they may err."""
     off, manner = deviation(goal, estimate.world_from_part), goal.place.manner
     variance = np.diag(estimate.covariance)
-    errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
+    any_turn = 0.0  # about the axis of a body of revolution: what no look can say, and no place asks for
+    if goal.axis is not None:
+        way = estimate.world_from_part[:3, :3] @ goal.axis.way
+        any_turn = float(way @ estimate.covariance[3:, 3:] @ way)
+    errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum() - any_turn)))
     most_height_mm = max(manner.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))
     most = f"{manner.tolerance_mm:g} mm and {manner.tolerance_deg:g} degrees"
     if abs(off.height_mm) > most_height_mm:

@@ -118,7 +118,7 @@ def apart(poses: tuple[Array, ...], corners: Array, pose: Array) -> tuple[float,
 
 def true_error(goal: Goal, part: PlacedPart) -> tuple[float, float]:
     """(mm, degrees) that a part truly lies from its goal, or from the pose that looks the same and is nearest."""
-    return apart(goal.poses, goal.shape.corners_mm, lies(part))
+    return apart((goal.nearest(lies(part)),), goal.shape.corners_mm, lies(part))
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,4 +25,12 @@ from daemon.vision.model.model import (
     relearnt,
 )
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
-from daemon.vision.model.symmetry import EXACT_MM, mirror_images, symmetries, turns_but_for_holes, turns_onto_themselves
+from daemon.vision.model.symmetry import (
+    EXACT_MM,
+    Axis,
+    axis_of_revolution,
+    mirror_images,
+    symmetries,
+    turns_but_for_holes,
+    turns_onto_themselves,
+)

@@ -15,7 +15,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Hole, OutlineArc, Polyhedron, apart2, axes_in, basis, exact
+from daemon.vision.geometry import Hole, OutlineArc, Polyhedron, apart2, axes_in, basis, circle_along, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
@@ -55,6 +55,27 @@ def turns_but_for_holes(solid: Polyhedron) -> Array:
         if not any(np.abs(frames.inverse(one) @ motion - own).max((1, 2)).min() < SAME_RIM_MM for one in found):
             found.append(motion)
     return np.array(found)
+
+
+class Axis(NamedTuple):
+    """point_mm (3,) on it, and way (3,), unit, in the frame of a solid."""
+
+    point_mm: Array
+    way: Array
+
+
+@lru_cache(maxsize=1024)
+def axis_of_revolution(solid: Polyhedron) -> Axis | None:
+    """The axis about which a solid looks the same in every turn: all edges that show, and all rims of holes, are
+    circles about it; None where one is not."""
+    if not len(solid.lines[0]) or not solid.circles[:, 3].all():
+        return None
+    way, point = solid.normals[0], solid.circles[0, :3]
+    rims = [circle_along(hole.ring_mm, way) for hole in solid.holes]
+    centres = np.array([*solid.circles[:, :3], *(centre for centre, _, _ in rims)]) - point
+    beside_mm = np.linalg.norm(centres - (centres @ way)[:, None] * way, axis=1).max()
+    tilted = np.linalg.norm(np.cross(solid.normals, way), axis=1).max() > EXACT_MM
+    return None if tilted or max(beside_mm, *(off for *_, off in rims), 0.0) > SAME_RIM_MM else Axis(point, way)
 
 
 def _outside_of_holes(solid: Polyhedron) -> list[int]:

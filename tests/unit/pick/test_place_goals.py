@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,10 +24,16 @@ from daemon.pick.place_goals import (
     set_down_of,
     ways_to,
 )
+from daemon.pick.pose_fusion import Estimate
+from daemon.pick.set_down import _lies
 from daemon.pick.settings import Settings
+from daemon.store.library import load_facets
 from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, Place, SolidBox
 from daemon.store.place_status import PlaceState, PlaceStatus, PlaceStatuses
+from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.vision.geometry import Hole, Polyhedron
 from drivers.simcell import parts
+from tests.fakes.drawn import obj, prism
 from tests.fakes.fake_cell import ON_HAND, shape_of
 
 
@@ -92,6 +99,53 @@ def test_how_far_off_a_part_lies_does_not_hang_on_which_of_its_likenesses_lies_t
     assert off.off_mm == pytest.approx(float(np.hypot(x, y)), abs=1e-6)
     assert off.off_deg == pytest.approx(abs(float(np.degrees(turn))), abs=1e-4)
     assert off.height_mm == pytest.approx(0.7)
+
+
+def drawn_disc(flat_mm: float = 0.0, bore_at_mm: float | None = None) -> Polyhedron:
+    """One of 20 mm radius and 12 mm height, from a drawing; with a flat so deep, or a hole so far from the middle."""
+    turns = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    ring = np.column_stack([20 * np.cos(turns), 20 * np.sin(turns)])
+    if flat_mm:
+        ring = ring[ring[:, 1] > flat_mm - 20.0]
+    one = solid_drawn("disc.obj", obj(*prism([(x, y) for x, y in ring.tolist()], 12.0)), "mm", load_facets())
+    if bore_at_mm is None:
+        return one
+    top = int(one.normals[:, 2].argmax())
+    circle = np.column_stack([3 * np.cos(turns) + bore_at_mm, 3 * np.sin(turns), np.full(48, one.centres_mm[top, 2])])
+    return replace(one, holes=(Hole(top, circle),))
+
+
+@pytest.mark.parametrize(("flat_mm", "bore_at_mm", "free"), [
+    (0.0, None, True), (0.0, 0.0, True), (0.0, 8.0, False), (4.0, None, False),
+], ids=["disc", "bored in the middle", "bored beside it", "with a flat"])  # fmt: skip
+@pytest.mark.parametrize("turn_deg", [7.0, -131.0])
+def test_a_body_of_revolution_may_lie_in_any_turn_about_its_axis_and_no_other(
+    flat_mm: float, bore_at_mm: float | None, free: bool, turn_deg: float
+) -> None:
+    disc = drawn_disc(flat_mm, bore_at_mm)
+    side = 1 + int(disc.normals[:, 2].argmin())
+    goal = goal_of(place("disc", side), disc)
+    spin = frames.rotation_from_vector(np.radians([0.0, 0.0, turn_deg]))
+    lean = frames.rotation_from_vector(np.radians([2.0, 0.0, 0.0]))
+    lies = goal.poses[0].copy()
+    lies[:3, :3] = lean @ spin @ lies[:3, :3]
+    off = deviation(goal, lies)
+    assert off.off_mm < 0.5
+    assert (off.off_deg == pytest.approx(2.0, abs=0.01)) is free
+    kept = deviation(goal_of(place("disc", side, equivalents=False), disc), lies)
+    assert kept.off_deg > 6.0
+
+
+@pytest.mark.parametrize(("flat_mm", "sure"), [(0.0, True), (4.0, False)], ids=["disc", "with a flat"])
+def test_a_turn_that_no_look_can_say_and_no_place_asks_for_leaves_no_doubt(flat_mm: float, sure: bool) -> None:
+    disc = drawn_disc(flat_mm)
+    goal = goal_of(place("disc", 1 + int(disc.normals[:, 2].argmin())), disc)
+    about = goal.poses[0][:3, :3] @ [0.0, 0.0, 1.0]
+    covariance = np.diag([0.01**2] * 3 + [0.0005**2] * 3)
+    covariance[3:, 3:] += 0.06**2 * np.outer(about, about)
+    finding = _lies(goal, Estimate(goal.poses[0], covariance, covariance))
+    assert finding.status is PlaceStatus.RIGHT
+    assert finding.sure is sure
 
 
 def test_the_part_and_not_the_tool_is_brought_to_the_place() -> None:
