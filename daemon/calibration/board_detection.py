@@ -89,7 +89,7 @@ def _find_charuco(image: Grey, board: Board) -> SeenBoard:
             f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed: show more of it, or bring it nearer "
             f"until each marker is {marker_px:g} px wide"
         )
-        raise BoardError(_named_by_markers(image, board) or missing)
+        raise BoardError(_named_by_markers(image, board) or _named_as_chessboard(image, board) or missing)
     fitted = _fitted(image, corners, ids, board)
     if np.median(fitted.misfit) > FITS_WELL:
         fitted = _fitted(image, corners, ids, _of_its_markers_size(image, corners, ids, board))
@@ -319,17 +319,41 @@ def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, l
 
 def _named_by_squares(image: Grey, board: Board) -> str | None:
     """A message with the size of the chessboard in view; None where there is none, or it has the named size."""
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
-    if not found or meta is None or min(meta.shape[:2]) < 3 or meta.shape[:2] == (3, 3):
-        return None  # 3 x 3 of a larger board, or of any pattern, are seen easily
-    rows, columns = meta.shape[:2]
-    if sorted((rows, columns)) == sorted((board.rows, board.columns)):
+    found = _squares_in_view(image)
+    if found is None or sorted(found) == sorted((board.columns, board.rows)):
         return None
+    columns, rows = found
     return (
         f"no {board.columns}x{board.rows} board in view, but one of {columns}x{rows} inner corners: count them along "
         "a row and a column; all must show, and a white rim"
     )
+
+
+def _named_as_chessboard(image: Grey, board: Board) -> str | None:
+    """A message that offers the chessboard in view; None where there is none, or its squares are not plain: a ChArUco
+    board far away."""
+    if (found := _squares_in_view(image)) is None:
+        return None
+    plain = Board(max(found), min(found), board.square_mm)
+    try:
+        clear = len(_find_chessboard(image, plain).corner_ids)
+    except BoardError:
+        return None
+    if clear < plain.columns * plain.rows:
+        return None
+    shell = f"--board {plain.columns}x{plain.rows} without --charuco"
+    return f"another board: a chessboard without markers; give `{plain}` (in a shell {shell})"
+
+
+def _squares_in_view(image: Grey) -> tuple[int, int] | None:
+    """Inner corners of the chessboard in view, along its rows and its columns. None where none shows: 3 x 3 of a larger
+    board, or of any pattern, are seen easily."""
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
+    if not found or meta is None or min(meta.shape[:2]) < 3 or meta.shape[:2] == (3, 3):
+        return None
+    rows, columns = meta.shape[:2]
+    return columns, rows
 
 
 def _upside_down(image: Grey, grid: Array, board: Board) -> bool:

@@ -7,8 +7,9 @@ Of 10,000 small frames (python -m tests.bench.long.damaged_jpegs) none passes th
 lost a packet, and every sound and every padded one does. What still passes is damage that USB's own checksums exclude:
 of 1,428 frames with one wrong bit 985, of 1,429 that had lost 1 to 60 bytes 216. A look compares two frames, which
 shows it 315 of the 825 of these with a pixel visibly wrong. It uses the other 510: half of them have no pixel more than
-9 grey levels off, and nearly all are wrong within one block or two. To compare the two frames block by block would
-find most of them, but a third of the sound pairs with them; at a limit that spares these it finds one in five.
+9 grey levels off, and of 99 in a hundred the damage covers at most 2.3 blocks. To compare the two frames block by block
+as well does not pay: at limits that refuse 2.5 % of the sound pairs it still uses 28 % of the frames with one wrong
+bit, without it 35 %.
 """
 
 from collections.abc import Sequence

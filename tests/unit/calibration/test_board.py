@@ -113,6 +113,7 @@ def picture(board: Board, distance_mm: float = 360.0) -> np.ndarray:
         (Board(7, 5, 16.0, "charuco"), Board(9, 6, 16.0, "charuco"), "7x5 16 charuco"),
         (Board(9, 6, 16.0, "charuco"), Board(9, 6, 16.0), "9x6 16 charuco"),
         (Board(7, 6, 16.0), Board(9, 6, 16.0), "7x6 inner corners"),
+        (Board(7, 5, 16.0), Board(9, 6, 16.0, "charuco"), "a chessboard without markers; give `7x5 16`"),
         (Board(9, 9, 12.0, "charuco"), Board(9, 6, 12.0, "charuco"), "9x9 12 charuco"),
         (Board(9, 6, 12.0, "charuco"), Board(9, 9, 12.0, "charuco"), "9x6 12 charuco"),
         (Board(9, 9, 12.0, "charuco"), Board(9, 8, 12.0, "charuco"), "9x9 12 charuco"),
@@ -124,6 +125,12 @@ def test_a_board_that_is_another_than_was_named_is_named(printed: Board, named: 
         find_board(picture(printed), named)
     assert offered in str(error.value)
     assert "mirrored" not in str(error.value)
+
+
+def test_a_charuco_board_too_far_away_to_read_is_not_called_a_chessboard() -> None:
+    printed = Board(9, 6, 16.0, "charuco")
+    with pytest.raises(BoardError, match="bring it nearer until each marker is 12 px wide"):
+        find_board(picture(printed, 1200.0), printed)
 
 
 @pytest.mark.parametrize(("markers", "dictionary"), [(50, "4X4_50"), (51, "4X4_100"), (1000, "4X4_1000")])
