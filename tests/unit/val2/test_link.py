@@ -60,10 +60,10 @@ def test_it_says_where_the_arm_is(arm_line: MakesLine) -> None:
 @pytest.mark.parametrize("prompt", ["start", "end"])
 @pytest.mark.parametrize("break_after_move", [True, False])
 def test_a_move_is_over_when_two_readings_agree_with_the_target(
-    arm_line: MakesLine, prompt: Any, break_after_move: bool
+    timed_line: MakesLine, prompt: Any, break_after_move: bool
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(prompt_after_move=prompt))
+        cell = timed_line(Manners(prompt_after_move=prompt))
         async with cell.link(quick(break_after_move=break_after_move)) as link:
             await link.speed(50)
             await link.move(GOAL)
@@ -76,7 +76,7 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
         with cell.server.controller() as controller:
             assert controller.arm.at_rest(controller.now_s)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 def test_a_straight_move_can_be_one_line_or_two(timed_line: MakesLine) -> None:
