@@ -7,17 +7,13 @@ import cv2
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
-from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import COVERED
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, nearest_first, recognised
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Rejected
-
-ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 3.0
-"""How far off a face a facet may have been measured that lies on it: whichever is more."""
 
 SCALE, STRONG, BESIDE_PX, LEFT_PX2 = 2, 20.0, 8, 400.0
 """How many px wide the pixels are of which strong edges are counted beside named parts; how many sigmas of its noise
@@ -32,8 +28,8 @@ def without_overlaps(
     """What was found with more named parts, those left out that lie where one was named; and the view with the groups
     and refused outlines that are left.
 
-    What lies on the faces of a named part is that part's, and so is a lone facet in front of it: one that two patterns
-    make by chance is likelier than a part of which one facet shows.
+    What lies where a part was named by its edges is that part's, and so is a lone facet in front of any named part: one
+    that two patterns make by chance is likelier than a part of which one facet shows.
     """
     named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
     taken = [covered(r, model, images) for r in named]
@@ -43,28 +39,12 @@ def without_overlaps(
     def theirs(facet: Facet, alone: bool) -> bool:
         shape = PlanarShape.of(facet.left_px)
         over = [*(own for _, own in new), *(taken if alone else ())]
-        return any(shape.common(own) > COVERED * shape.area for own in over) or any(
-            lies_on(facet, model.metric[r.label].solid, r.part.cyclopean_from_part) for r in named
-        )
+        return any(shape.common(own) > COVERED * shape.area for own in over)
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     known = nearest_first((*named, *(r for r, _ in new), *rest))
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
-
-
-def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
-    """Whether a facet lies on one of the faces that a part at cyclopean_from_part (4, 4) shows, or is print on it."""
-    for index in np.flatnonzero(solid.facing(pose) > 0).tolist():
-        flat_from_camera = solid.laid_flat[index] @ frames.inverse(pose)
-        flat = frames.apply(flat_from_camera, facet.corners_mm)
-        ring = frames.apply(solid.laid_flat[index], solid.corners_mm[solid.rings[index]])
-        turn = flat_from_camera[:3, :3]
-        x, y, z = np.diagonal(turn @ facet.covariance_mm2 @ turn.T, axis1=1, axis2=2).T
-        off, aside = (np.maximum(ON_FACE_SIGMAS * np.sqrt(spread), ON_FACE_MM) for spread in (z, x + y))
-        if (np.abs(flat[:, 2]) < off).all() and (PlanarShape.of(ring[:, :2]).depth(flat[:, :2]) > -aside).all():
-            return True
-    return False
 
 
 def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model, images: StereoImages) -> bool:

@@ -10,9 +10,8 @@ import pytest
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.vision.evidence.overlaps import all_accounted_for, lies_on, without_overlaps
+from daemon.vision.evidence.overlaps import all_accounted_for, without_overlaps
 from daemon.vision.facets.grouping import merge_vertices
-from daemon.vision.geometry import exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.group_recognition import Recognised, recognise_group
@@ -57,23 +56,6 @@ def face(index: int = 0) -> np.ndarray:
 def label_on(ring: np.ndarray) -> np.ndarray:
     middle = ring.mean(0)
     return middle + 0.4 * (ring - middle)
-
-
-def test_print_on_a_face_lies_on_it_and_what_stands_off_it_does_not() -> None:
-    solid = exact(CUBE.corners_mm, CUBE.facets)
-    assert lies_on(facet(label_on(face())), solid, WHERE)
-    off = WHERE[:3, :3] @ solid.normals[seen_facets(CUBE, WHERE)[0]]
-    assert not lies_on(facet(label_on(face()) + 9.0 * off), solid, WHERE)
-    assert not lies_on(facet(label_on(face()) + 30.0 * (face()[1] - face()[0]) / 50.0), solid, WHERE)
-
-
-def test_a_corner_may_lie_off_its_face_as_far_as_it_is_unsure() -> None:
-    solid, pulled = exact(CUBE.corners_mm, CUBE.facets), facet(face())
-    ahead = pulled.corners_mm[0] / np.linalg.norm(pulled.corners_mm[0])
-    pulled.corners_mm[0] += 9.0 * ahead
-    assert not lies_on(pulled, solid, WHERE)
-    pulled.covariance_mm2[0] += 3.2**2 * np.outer(ahead, ahead)
-    assert lies_on(pulled, solid, WHERE)
 
 
 def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
