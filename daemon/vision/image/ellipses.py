@@ -13,12 +13,15 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from daemon.arrays import Array, Index
-from daemon.vision.image.edge_lines import peak_places, peaks
+from daemon.arrays import Array, Image32, Index
+from daemon.vision.image.calipers import bilinear
+from daemon.vision.image.edge_lines import SLOPE_NOISE, SMOOTHING_ROW_PX, peak_places, peaks
 from daemon.vision.image.grey import FINE, Fine
 from daemon.vision.image.regions import SMOOTHING_PX, Window, gradient_noise
-from daemon.vision.image.rims import STEP_PX, rim_slopes
 
+STEP_PX, ROWS = 1.25, 2
+"""How far apart places on a curve are at which slopes across it are taken; and those to either hand of which each is
+the mean: as many px as an edge is smoothed across."""
 EDGE_SIGMAS = 5.0, 10.0
 """An edge's pixels are so strong at least, and one of them so strong."""
 FEWEST_PX = 14
@@ -195,6 +198,18 @@ def _fitted(px: Array) -> Ellipse | None:
         return None
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return Ellipse(np.array([x, y]), axes, radii, px)
+
+
+def rim_slopes(smooth: Fine, px: Array, normal: Array, reach_px: int) -> Image32:
+    """(N, 2 reach_px + 1) slopes across a closed curve at places (N, 2) px, along unit normals (N, 2), at whole px up
+    to the reach on either hand. smooth: of unit noise, after a Gaussian of SMOOTHING_PX."""
+    offsets = np.arange(-reach_px - 0.5, reach_px + 1.0)[:, None]
+    x, y = (np.asarray(px[:, k] + offsets * normal[:, k], np.float32) for k in (0, 1))
+    levels = bilinear(smooth, x, y)
+    count, round_ = levels.shape[1], np.concatenate([levels[:, -ROWS:], levels, levels[:, :ROWS]], 1)
+    mean = sum(round_[:, row : row + count] for row in range(2 * ROWS + 1)) * np.float32(1 / (2 * ROWS + 1))
+    independent = max((2 * ROWS + 1) * STEP_PX / SMOOTHING_ROW_PX, 1.0)
+    return np.asarray(np.diff(mean, axis=0).T * np.float32(np.sqrt(independent) / SLOPE_NOISE))
 
 
 def _between_pixels(rough: Ellipse, smooth: Fine, grain: float) -> Ellipse | None:
