@@ -108,7 +108,7 @@ class DashboardState:
             "run": self.run,
             "start": self.start,
             "look": self.look,
-            "eyes": [] if self.look is None else sorted(self.pictures.get(self.look["seq"], {})),
+            "cameras": [] if self.look is None else sorted(self.pictures.get(self.look["seq"], {})),
             "approach": self.approach,
             "picks": list(self.picks),
             "lines": list(self.lines),

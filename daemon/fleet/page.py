@@ -110,7 +110,7 @@ def _cells(views: Any, first: date, last: date, calibrated: Mapping[str, tuple[d
     names = [column[0] for column in found.description]
     cells = [_short(dict(zip(names, row, strict=True))) for row in found.fetchall()]
     for cell in cells:
-        cell["eyes"] = [cell.pop("cameras"), cell.pop("one_camera")]
+        cell["cameras_used"] = [cell.pop("cameras"), cell.pop("one_camera")]
         cell["last"], cell["faults"] = cell["last"].isoformat(), _by_cause(cell["faults"])
     return cells
 
@@ -168,7 +168,7 @@ def _set_states(cells: Sequence[Json], last: date) -> None:
             most = [f"{count} × {name}" for name, count in cell["faults"].items()]
             findings.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
         findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_dark(cell)]
-        cell["told"] = [list(one) for one in findings]
+        cell["findings"] = [list(one) for one in findings]
         cell["weak"] = sorted(name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of)))
         cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in findings)), "well")
 
@@ -188,7 +188,7 @@ def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]
 
 
 def _one_camera(cell: Json) -> list[tuple[str, str]]:
-    cameras, count = cell["eyes"]
+    cameras, count = cell["cameras_used"]
     if not count:
         return []
     now = "both are in use again" if cameras == "both" else f"the {cameras} camera is in use alone"

@@ -75,7 +75,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
         "label": cycle.label,
         "outcome": GOING_ON if going and cycle.end is None else cycle.outcome,
         "looks": cycle.looks,
-        "eyes": cycle.cameras,
+        "cameras": cycle.cameras,
         "s": round(cycle.seconds, 2),
         "mm": _short(cycle.predicted_mm),
         "deg": _short(cycle.predicted_deg),
@@ -121,7 +121,7 @@ def stop_json(stop: LookStep) -> Json:
         "health": look.get("health") or {},
         "parts": [_part(p) for p in stop.parts],
         "rejected": [
-            {"eye": r.get("eye"), "why": r.get("reason"), "px": _points(r.get("corners_px"))}
+            {"camera": r.get("eye"), "why": r.get("reason"), "px": _points(r.get("corners_px"))}
             for r in (scene.get("rejected") or [])[:40]
         ],
         "guesses": [_guess(g) for g in scene.get("guesses") or []],

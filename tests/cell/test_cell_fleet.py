@@ -216,7 +216,7 @@ def test_the_command_ends_in_a_report_with_pictures(
     browser.get((tmp_path / "out" / "report.html").as_uri())
     assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
     browser.find_element("css selector", "#table tbody tr").click()
-    assert len(browser.find_elements("css selector", "#shown .eye img")) == 4
+    assert len(browser.find_elements("css selector", "#shown .camera img")) == 4
     assert browser.get_log("browser") == []
 
 

@@ -146,6 +146,6 @@ def test_its_page_is_clicked_through_in_a_browser(demo: tuple[str, Path], tmp_pa
     before = cycle.find_element("css selector", "button[aria-pressed=true]").text
     browser.find_element("id", "next").click()
     assert cycle.find_element("css selector", "button[aria-pressed=true]").text != before
-    assert len(cycle.find_elements("css selector", ".eye img")) == 2
-    assert cycle.find_elements("css selector", ".eye polygon.facet")
+    assert len(cycle.find_elements("css selector", ".camera img")) == 2
+    assert cycle.find_elements("css selector", ".camera polygon.facet")
     assert browser.get_log("browser") == []

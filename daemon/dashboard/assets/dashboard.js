@@ -23,7 +23,7 @@ function draw(now) {
   if (seq !== shown) {
     shown = seq;
     by("look-name").replaceChildren("Last look", ...(now.look ? [`: ${now.look.purpose}, `, time(now.look.t, offset)] : []));
-    by("look").replaceChildren(...(now.look ? [eyes(now.look, (eye) => (now.eyes.includes(eye) ? `/picture/${now.look.seq}/${eye}?run=${encodeURIComponent(now.run)}` : null))] : [el("p", { class: "dim" }, "none yet")]));
+    by("look").replaceChildren(...(now.look ? [stereoView(now.look, (camera) => (now.cameras.includes(camera) ? `/picture/${now.look.seq}/${camera}?run=${encodeURIComponent(now.run)}` : null))] : [el("p", { class: "dim" }, "none yet")]));
   }
   const places = (daemon && daemon.each_place) || [];
   by("places").hidden = !places.length;

@@ -18,10 +18,10 @@ by("verdict").textContent = ill.length ? `${ill.length} of ${plural(cells.length
 by("verdict").className = ill.some((c) => c.state === "misses" || c.state === "faults") ? "bad" : ill.length ? "" : "good";
 by("summary").append(...[data.simulated ? el("b", { class: "tag" }, "simulated") : null, `${days[0]} to ${days[days.length - 1]} (UTC)`].filter(Boolean));
 by("ill").append(...ill.flatMap((c) => [el("button", { type: "button", onclick: () => open(c) }, c.name), el("span", { class: `state ${kindOf(c)}` }, c.state),
-  el("span", {}, c.told.map(([, text]) => text).join("; "))]));
+  el("span", {}, c.findings.map(([, text]) => text).join("; "))]));
 
 const tile = (name, value, under, kind) => el("div", { class: `tile ${kind || ""}` }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
-const count = (state) => cells.filter((c) => c.told.some(([kind]) => kind === state)).length;
+const count = (state) => cells.filter((c) => c.findings.some(([kind]) => kind === state)).length;
 const bars = (name, entries) => el("div", { class: "tile list" }, el("span", {}, name), ...(entries.length ? entries : [el("b", {}, "nothing")]));
 by("tiles").append(
   tile("picked", percent(all), `${thousands(all[0])} of ${thousands(all[1])}`), tile("cells that miss parts", count("misses"), "significantly more than the others", count("misses") ? "bad" : ""),
@@ -39,7 +39,7 @@ by("cells").append(...cells.map((c) => {
   const layer = svg("svg", { viewBox: "0 0 100 26", preserveAspectRatio: "none" });
   layer.append(svg("path", { d: curve(c.success.map((of, k) => [k, rate(of)]), [0, Math.max(days.length - 1, 1)], [low, 100], 100, 26).path }));
   return el("button", { type: "button", class: `cell ${kindOf(c)}`, "data-cell": c.name, "aria-pressed": "false", onclick: () => open(c) },
-    el("b", {}, el("span", {}, c.name), el("span", {}, percent([c.picked, c.tried]))), layer, el("small", {}, c.told.length ? c.told[0][1] : `${thousands(c.tried)} tried`));
+    el("b", {}, el("span", {}, c.name), el("span", {}, percent([c.picked, c.tried]))), layer, el("small", {}, c.findings.length ? c.findings[0][1] : `${thousands(c.tried)} tried`));
 }));
 
 // ---- one cell
@@ -48,7 +48,7 @@ function open(c) {
   const points = (list) => list.map((y, k) => [k, y, days[k]]);
   const own = (title, y, series, limit, fit) => chart(title, series.map(([name, list]) => ({ name, points: points(list) })), { x: "day", y, limit, fit, xs: at, xName: (k) => days[k].slice(5) });
   one.replaceChildren(el("h2", {}, `${c.name} `, el("span", { class: `state ${kindOf(c)}` }, c.state)),
-    ...(c.told.length ? c.told.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "No significant difference to the other cells, and no measure near its limit.")]),
+    ...(c.findings.length ? c.findings.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "No significant difference to the other cells, and no measure near its limit.")]),
     el("dl", {}, ...[["picked", `${thousands(c.picked)} of ${thousands(c.tried)}, ${percent([c.picked, c.tried])}${c.before[1] ? `; ${percent(c.before)} in the four weeks before` : ""}`],
       ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ...(sum(c.placed) ? [["set down", `${thousands(c.placed[0])} seen right, ${thousands(c.placed[1])} off, ${thousands(c.placed[2])} lost`]] : []), ["causes of stops", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
       ["faults", Object.entries(c.faults).map(([name, n]) => `${n} ${name}`).join(", ") || "none"], ["time of a look", known(c.ms) ? `${number(c.ms)} ms` : "–"], ["last run until", `${c.last.slice(0, 16).replace("T", " ")}, facetd ${c.release || "–"}`]].flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)])),
@@ -73,7 +73,7 @@ by("miss").tBodies[0].append(...cells.map((c) => el("tr", { onclick: () => open(
 // ---- all cells on one chart a measure: those that are well in grey, below
 const shownFirst = [...cells].sort((a, b) => (a.state === "well" ? 0 : 1) - (b.state === "well" ? 0 : 1));
 function trend(title, y, kinds, of, limit, fit) {
-  const noted = cells.filter((c) => c.told.some(([kind]) => kinds.includes(kind))).slice(0, 6);
+  const noted = cells.filter((c) => c.findings.some(([kind]) => kinds.includes(kind))).slice(0, 6);
   const series = shownFirst.map((c) => ({ name: noted.includes(c) ? c.name : "", colour: noted.includes(c) ? noted.indexOf(c) : "dim", points: of(c).map((value, k) => [k, value, `${c.name}, ${days[k]}`]), dotless: !noted.includes(c) }));
   series.sort((a, b) => (a.colour === "dim" ? 0 : 1) - (b.colour === "dim" ? 0 : 1));
   const made = chart(title, series, { x: "day", y, limit, fit, xs: days.map((_, k) => k), xName: (k) => days[k].slice(5) });

@@ -20,13 +20,13 @@ by("tiles").append(tile("right, as the pick proved", percent(all.right[1], all.p
 
 // ---- differences, each with its pictures: as it was, as it is now
 function show(one, number_) {
-  const source = (eye) => pictures[`${number_}-${eye}`], box = by("shown");
+  const source = (camera) => pictures[`${number_}-${camera}`], box = by("shown");
   box.replaceChildren(el("h2", {}, `${one.cell}, run ${one.run}, look ${one.seq}`), ...one.changes.map((c) => el("div", { class: `cause ${c.regression ? "" : "less"}` }, `${words(c.part)}: ${c.what}`)),
-    ...(one.looks ? [["then", one.looks[0]], ["now", one.looks[1]]].flatMap(([name, look]) => [el("h3", {}, name), eyes(look, source)]) : [el("p", { class: "dim" }, "Its pictures are not in this page; they are in the run.")]));
+    ...(one.looks ? [["then", one.looks[0]], ["now", one.looks[1]]].flatMap(([name, look]) => [el("h3", {}, name), stereoView(look, source)]) : [el("p", { class: "dim" }, "Its pictures are not in this page; they are in the run.")]));
   box.hidden = false;
   box.scrollIntoView({ block: "start", behavior: "smooth" });
 }
-by("told").textContent = data.differences.length ? `Proved names that were lost first. A row opens its pictures.${data.more ? ` ${data.more} more are counted and not shown.` : ""}` : "Nothing.";
+by("summary").textContent = data.differences.length ? `Proved names that were lost first. A row opens its pictures.${data.more ? ` ${data.more} more are counted and not shown.` : ""}` : "Nothing.";
 const columns = ["cell", "run", "look", "purpose", "light", "proved", "what"];
 if (data.differences.length) by("table").tHead.append(el("tr", {}, ...columns.map((name) => el("th", {}, name))));
 by("table").tBodies[0].append(...data.differences.map((one, k) => el("tr", { class: one.looks ? "with" : "", onclick: () => show(one, k) },

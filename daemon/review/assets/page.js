@@ -169,8 +169,8 @@ function nearest(sorted, s) {
 
 // ---- table
 const simulated = data.cycles.some((c) => known(c.true_mm));
-const oneEyed = data.cycles.some((c) => c.eyes && c.eyes !== "both");
-const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ...(oneEyed ? [["eyes", "cameras"]] : []), ["s", "time"], ["mm", "predicted mm"],
+const oneCamera = data.cycles.some((c) => c.cameras && c.cameras !== "both");
+const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ...(oneCamera ? [["cameras", "cameras"]] : []), ["s", "time"], ["mm", "predicted mm"],
   ...(simulated ? [["true_mm", "true mm"]] : []), ["cause", "why"]];
 const NUMBERS = ["n", "looks", "s", "mm", "true_mm"];
 let order = "n", ascending = true, wanted = "all", opened = null;
@@ -223,7 +223,7 @@ function open(number_, look = null) {
   place.hidden = false;
   place.replaceChildren(...[
     el("h2", {}, `Cycle ${cycle.n}: ${cycle.label || "no part"} `, el("span", { class: `o ${cycle.outcome.replace(" ", "-")}` }, cycle.outcome)),
-    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.eyes && cycle.eyes !== "both" ? ` (cameras: ${cycle.eyes})` : ""}. ${cycle.why || ""}`),
+    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.cameras && cycle.cameras !== "both" ? ` (cameras: ${cycle.cameras})` : ""}. ${cycle.why || ""}`),
     ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
     cycle.bare ? null : el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
       el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,
@@ -260,11 +260,11 @@ function lookView(stop) {
   const findings = Object.values(stop.health.findings || {});
   for (const f of findings) add("picture", typeof f === "string" ? f : f.advice || f.text);
   const measures = Object.entries(stop.health).filter(([, v]) => typeof v === "number").map(([k, v]) => `${k.replaceAll("_", " ")} ${number(v)}`).join(", ");
-  return el("div", {}, eyes(stop, (eye) => pictures[`${stop.seq}-${eye}`]), info,
+  return el("div", {}, stereoView(stop, (camera) => pictures[`${stop.seq}-${camera}`]), info,
     stop.moves.length ? el("div", {}, el("h3", {}, "What followed"), el("ul", {}, ...stop.moves.map((m) => el("li", { class: m.kind === "refusal" ? "warn" : null }, m.text)))) : null,
     stop.notes.length ? el("details", {}, el("summary", {}, plural(stop.notes.length, "note")), el("ul", {}, ...stop.notes.map((n) => el("li", {}, n)))) : null,
     stop.rejected.length ? el("details", {}, el("summary", {}, `${plural(stop.rejected.length, "rejected outline")}`),
-      el("ul", {}, ...stop.rejected.map((r) => el("li", {}, `${r.eye}: ${r.why}`)))) : null,
+      el("ul", {}, ...stop.rejected.map((r) => el("li", {}, `${r.camera}: ${r.why}`)))) : null,
     el("details", {}, el("summary", {}, "measures and times"), el("p", { class: "dim" }, measures), el("p", { class: "dim" }, Object.entries(stop.seconds).map(([k, v]) => `${k.replaceAll("_", " ")} ${Math.round(1000 * v)} ms`).join(", "))));
 }
 
@@ -272,9 +272,9 @@ function lookView(stop) {
 if (data.places.last.length) {
   const every = new Map(data.cycles.flatMap((c) => c.stops.map((s) => [s.seq, s])));
   const picture = (seq, name) => {
-    if (!known(seq) || !every.has(seq)) return el("div", { class: "eye" }, el("div", { class: "none" }, `${name}: no look`));
+    if (!known(seq) || !every.has(seq)) return el("div", { class: "camera" }, el("div", { class: "none" }, `${name}: no look`));
     pictures = pictures || JSON.parse(by("pictures").textContent);
-    return el("div", {}, eyeView(every.get(seq), "left", "l", pictures[`${seq}-left`]), el("small", {}, name));
+    return el("div", {}, cameraView(every.get(seq), "left", "l", pictures[`${seq}-left`]), el("small", {}, name));
   };
   const bar = (value, limit, unit) => el("div", { class: "deviation" }, el("span", {}, known(value) ? `${number(value)} of ${number(limit)} ${unit}` : `not seen, ${unit}`),
     el("i", { class: known(value) && value <= limit ? "good" : "bad", style: `width:${known(value) ? Math.min(100, 100 * value / limit) : 0}%` }));

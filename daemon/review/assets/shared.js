@@ -1,4 +1,4 @@
-// What all our pages share: elements, numbers and times as people say them, a look drawn into both eyes. Texts go in as
+// What all our pages share: elements, numbers and times as people say them, a look drawn into both cameras. Texts go in as
 // text, never as markup; nothing is fetched.
 "use strict";
 const by = (id) => document.getElementById(id);
@@ -80,32 +80,32 @@ const theme = () => {
   by("theme").addEventListener("click", () => { root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark"; });
 };
 
-// ---- a look: both eyes with what was found drawn in. source(eye): where its picture is, or null
+// ---- a look: both cameras with what was found drawn in. source(camera): where its picture is, or null
 async function unpacked(text) {                         // JSON that was compressed by gzip, as base64
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return JSON.parse(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text());
 }
-function eyes(look, source) {
-  const box = el("div", { class: "eyes" }, eyeView(look, "left", "l", source("left")), eyeView(look, "right", "r", source("right")));
+function stereoView(look, source) {
+  const box = el("div", { class: "stereo" }, cameraView(look, "left", "l", source("left")), cameraView(look, "right", "r", source("right")));
   box.addEventListener("click", () => large(look, source));
   return box;
 }
 function large(look, source) {
   const dialog = el("dialog", { class: "large", onclick: () => dialog.close(), onclose: () => dialog.remove() },
-    el("div", { class: "eyes" }, eyeView(look, "left", "l", source("left")), eyeView(look, "right", "r", source("right"))));
+    el("div", { class: "stereo" }, cameraView(look, "left", "l", source("left")), cameraView(look, "right", "r", source("right"))));
   document.body.append(dialog);
   dialog.showModal();
 }
-function eyeView(look, eye, key, source) {
-  const box = el("div", { class: "eye" });
-  if (!source) { box.append(el("div", { class: "none" }, `${eye}: the image is not in this page`)); return box; }
-  const image = el("img", { src: source, alt: `${eye} camera` });
+function cameraView(look, camera, key, source) {
+  const box = el("div", { class: "camera" });
+  if (!source) { box.append(el("div", { class: "none" }, `${camera}: the image is not in this page`)); return box; }
+  const image = el("img", { src: source, alt: `${camera} camera` });
   const layer = svg("svg");
-  image.addEventListener("error", () => box.replaceChildren(el("div", { class: "none" }, `${eye}: the image is in the run's folder, and not beside this page`)));
+  image.addEventListener("error", () => box.replaceChildren(el("div", { class: "none" }, `${camera}: the image is in the run's folder, and not beside this page`)));
   image.addEventListener("load", () => layer.setAttribute("viewBox", `-0.5 -0.5 ${image.naturalWidth} ${image.naturalHeight}`));
   const outline = (points, name) => layer.append(svg("polygon", { points: points.map((p) => p.join(",")).join(" "), class: name }));
   const middle = (points) => [points.reduce((s, p) => s + p[0], 0) / points.length, points.reduce((s, p) => s + p[1], 0) / points.length];
-  for (const r of look.rejected) if (r.eye === eye) outline(r.px, "refused");
+  for (const r of look.rejected) if (r.camera === camera) outline(r.px, "refused");
   for (const p of look.parts) {
     const all = [];
     for (const f of p.facets) {
@@ -125,7 +125,7 @@ function eyeView(look, eye, key, source) {
     const low = g[key].flatMap((edge) => edge.px).sort((a, b) => b[1] - a[1])[0];
     if (low) layer.append(svg("text", { x: low[0], y: low[1] + 16, "text-anchor": "middle" }, `${g.label}?`));
   }
-  box.append(image, layer, el("span", { class: "which" }, eye));
+  box.append(image, layer, el("span", { class: "which" }, camera));
   return box;
 }
 
@@ -152,8 +152,8 @@ function placesDrawing(places) {
   }
   const count = {};
   for (const p of places) count[p.status] = (count[p.status] || 0) + 1;
-  const told = Object.entries(count).map(([status, n]) => `${n} ${status}${PLACE_SIGNS[status] ? ` ${PLACE_SIGNS[status]}` : ""}`).join(", ");
-  return el("figure", { class: "drawing" }, el("figcaption", {}, "Places from above, x to the right, y up"), layer, el("p", { class: "dim" }, told));
+  const counts = Object.entries(count).map(([status, n]) => `${n} ${status}${PLACE_SIGNS[status] ? ` ${PLACE_SIGNS[status]}` : ""}`).join(", ");
+  return el("figure", { class: "drawing" }, el("figcaption", {}, "Places from above, x to the right, y up"), layer, el("p", { class: "dim" }, counts));
 }
 // How exactly parts came to lie at their places; a pattern before its places.
 const placingTable = (rows) => el("div", { class: "wide" }, el("table", { class: "placing stacked" }, el("thead", {}, el("tr", {}, ...["part", "place", "seen right", "median mm", "95 % mm", "median °", "95 % °"].map((name, k) => el("th", { class: k > 2 ? "num" : null }, name)))),

@@ -32,8 +32,8 @@ by("trends").append(...[
   trend("Cycle time", "s", [["median", (r) => r.production.median_s], ["95th percentile", (r) => r.production.p95_s]]),
   trend("Stereo rotation drift", "degrees", ["pitch", "roll", "vergence"].map((axis) => [axis, (r) => r.drift[axis]]), data.stop_deg),
   trend("Epipolar error, median", "px", [["", (r) => r.epipolar_px]], 0.6),
-  trend("Brightness, 99th percentile, median", "grey levels", ["left", "right"].map((eye) => [eye, (r) => r.light[eye]])),
-  trend("Edge width (focus), median", "px", ["left", "right"].map((eye) => [eye, (r) => r.focus_px[eye]]), 1.5),
+  trend("Brightness, 99th percentile, median", "grey levels", ["left", "right"].map((camera) => [camera, (r) => r.light[camera]])),
+  trend("Edge width (focus), median", "px", ["left", "right"].map((camera) => [camera, (r) => r.focus_px[camera]]), 1.5),
 ].filter(Boolean));
 
 if (data.placing.length) {

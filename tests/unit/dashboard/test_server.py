@@ -83,7 +83,7 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     browser.get(f"http://127.0.0.1:{port}/")
     until(lambda: "pyramid" in text() and "2 of 3 picked" in text())
     until(lambda: browser.execute_script("return [...document.images].filter(i => i.naturalWidth).length") == 2)
-    assert len(browser.find_elements("css selector", ".eye polygon.facet")) == 2
+    assert len(browser.find_elements("css selector", ".camera polygon.facet")) == 2
     made.cycle += 1
     made.look("approach", part("pentagonal_prism"), stop=1)
     until(lambda: "pentagonal_prism" in text())

@@ -24,7 +24,7 @@ def test_it_shows_the_last_look_the_approach_converging_and_the_last_picks(tmp_p
     assert [e["mm"] for e in told["approach"]] == [1.5, 0.7]
     assert [(p["label"], p["outcome"]) for p in told["picks"]] == [("pyramid", "picked"), ("cube", "missed")]
     assert told["look"]["parts"][0]["facets"]
-    assert told["eyes"] == ["left", "right"]
+    assert told["cameras"] == ["left", "right"]
     assert "cycle_end   missed" in told["lines"][-2]
 
 

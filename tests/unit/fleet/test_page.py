@@ -62,7 +62,7 @@ def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) ->
     assert named(data, made_year.WORSE)["state"] == "misses"
     assert named(data, made_year.SILENT)["state"] == "silent"
     turned = named(data, 6)["turn"]["pitch"][-1] - named(data, 6)["usual"]["pitch"]
-    assert [text for kind, text in named(data, 6)["told"] if kind == "drifts"] == [
+    assert [text for kind, text in named(data, 6)["findings"] if kind == "drifts"] == [
         f"pitch of the right camera {turned:+.2f} degrees since calibration"
     ]
     assert named(data, 4)["state"] == "dark"
@@ -104,7 +104,7 @@ def test_a_cell_that_looked_with_one_camera_is_told_of(tmp_path: Path, back: boo
     rows["looks"] = looks.set_column(at, looks.schema.field(at), at_once)
     add_rows(store, "north", [rows])
     (north,) = fleet_data(store, 7)["cells"]
-    assert (north["state"], north["told"]) == ("one camera", [["one camera", f"3 looks with one camera; {told}"]])
+    assert (north["state"], north["findings"]) == ("one camera", [["one camera", f"3 looks with one camera; {told}"]])
 
 
 def test_set_downs_are_counted_by_what_the_look_after_them_found(tmp_path: Path) -> None:
@@ -189,6 +189,6 @@ def test_a_cell_whose_run_goes_on_for_days_is_not_silent_while_it_does(tmp_path:
     store = open_store(str(tmp_path))
     for name, one in (("slow", run(2, 3)), ("gone", run(2, 0)), ("usual", run(6, 0))):
         add_rows(store, name, [rows_of(one)])
-    states = {cell["name"]: (cell["state"], cell["told"]) for cell in fleet_data(store, 3)["cells"]}
+    states = {cell["name"]: (cell["state"], cell["findings"]) for cell in fleet_data(store, 3)["cells"]}
     assert states["slow"] == ("well", [])
     assert states["gone"] == ("silent", [["silent", "no run since 2026-01-02"]])

@@ -78,7 +78,7 @@ def test_the_page_tells_which_picks_were_made_with_which_cameras_and_when_that_c
     run = read_digest(made.close())
     assert [c.cameras for c in run.cycles] == ["both", "left"]
     data = page_data(run)
-    assert [c["eyes"] for c in data["cycles"]] == ["both", "left"]
+    assert [c["cameras"] for c in data["cycles"]] == ["both", "left"]
     assert "cameras in use: left: right eye: frozen" in [e["text"] for e in data["events"]]
 
 

@@ -48,8 +48,8 @@ def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: Any, 
     before = cycle.find_element("css selector", "button[aria-pressed=true]").text
     browser.find_element("id", "next").click()
     assert cycle.find_element("css selector", "button[aria-pressed=true]").text != before
-    assert len(cycle.find_elements("css selector", ".eye img")) == 2
-    assert len(cycle.find_elements("css selector", ".eye polygon.facet")) == 2
+    assert len(cycle.find_elements("css selector", ".camera img")) == 2
+    assert len(cycle.find_elements("css selector", ".camera polygon.facet")) == 2
     browser.find_element("css selector", "button[data-outcome=all]").click()
     browser.find_element("id", "search").send_keys("pentagonal picked")
     assert len(rows(browser)) == 1
@@ -87,7 +87,7 @@ def test_what_an_unnamed_part_came_nearest_to_is_drawn_into_both_cameras(browser
     browser.execute_script("document.querySelector('#other-list details').open = true")
     assert "cube: 50 % of its edges show" in browser.find_element("id", "other-list").text
     for name, ends in (("shows", "10,20,60,20"), ("shows-not", "60,20,60,70")):
-        left, right = browser.find_elements("css selector", f".eye line.{name}")
+        left, right = browser.find_elements("css selector", f".camera line.{name}")
         assert ",".join(left.get_attribute(k) for k in ("x1", "y1", "x2", "y2")) == ends
         assert float(right.get_attribute("x1")) == float(left.get_attribute("x1")) + 5
     assert browser.get_log("browser") == []
@@ -112,8 +112,8 @@ def test_a_bar_of_the_timeline_opens_its_cycle_and_a_click_its_pictures_large(br
     open_page(browser, page)
     browser.find_element("css selector", "#timeline i.missed").click()
     assert "Cycle 2: pyramid missed" in browser.find_element("id", "cycle").text
-    browser.find_element("css selector", "#cycle .eyes").click()
-    assert len(browser.find_elements("css selector", "dialog[open] .eye img")) == 2
+    browser.find_element("css selector", "#cycle .stereo").click()
+    assert len(browser.find_elements("css selector", "dialog[open] .camera img")) == 2
     browser.find_element("css selector", "dialog[open]").click()
     assert browser.find_elements("css selector", "dialog[open]") == []
     assert browser.get_log("browser") == []
@@ -209,7 +209,7 @@ def test_images_without_room_in_the_page_are_shown_from_the_runs_folder_and_else
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.pick()
     folder = made.close()
-    widths = "return [...document.querySelectorAll('#cycle .eye img')].map((i) => i.complete && i.naturalWidth)"
+    widths = "return [...document.querySelectorAll('#cycle .camera img')].map((i) => i.complete && i.naturalWidth)"
     open_page(browser, write_page(folder, folder / "page.html"))
     rows(browser)[0].click()
     until(lambda: browser.execute_script(widths) == [160, 160])

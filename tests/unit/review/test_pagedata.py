@@ -114,7 +114,7 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
         "label": "cube", "conf": 0.99, "ratio": 0.88, "act": 0.77, "runner": "pyramid", "why": "fits", "res": 0.46,
         "facets": [{"type": "square", "l": [[300.0, 200.1], [3, 4]], "r": [[290, 201.0]]}],
     }]  # fmt: skip
-    assert approach["rejected"] == [{"eye": "left", "why": "thin", "px": [[1.3, 2]]}] * 40
+    assert approach["rejected"] == [{"camera": "left", "why": "thin", "px": [[1.3, 2]]}] * 40
     shown = [{"px": [[1, 2], [3, 4.1]], "shows": True}]
     assert approach["guesses"] == [{"label": "prism", "share": 0.33, "l": shown, "r": []}]
     assert approach["estimate"] == {"label": "cube", "mm": 0.78, "deg": 0.22, "chi2": 1.3, "at": [10.0, 20, 30]}
@@ -149,7 +149,8 @@ def test_one_row_of_the_table_of_cycles(run: Digest) -> None:
     first, second = run.cycles
     row = cycle_json(first, run.cycles, going=False)
     assert {k: v for k, v in row.items() if k not in ("causes", "stops")} == {
-        "n": 7, "t": "2026-01-02T03:04:03.000Z", "label": "cube", "outcome": "picked", "looks": 1, "eyes": "both, left",
+        "n": 7, "t": "2026-01-02T03:04:03.000Z", "label": "cube", "outcome": "picked", "looks": 1,
+        "cameras": "both, left",
         "s": 6.5, "mm": 0.7, "deg": 0.2, "true_mm": 0.52, "true_deg": 0.12, "why": "gone",
         "decisions": [{"text": "pick cube", "why": "surest"}], "mms": [0.78],
     }  # fmt: skip
