@@ -395,7 +395,7 @@ def _next_views(
     reach: Reach,
 ) -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
     """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
-    eyes_before: (L, 3) from where it was looked at so far."""
+    viewpoints_before: (L, 3) from where it was looked at so far."""
     before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
     poses = allowed(places_round(part.centre, mounting), reach)
     if not poses:

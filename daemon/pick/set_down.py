@@ -286,8 +286,8 @@ async def held_here(context: PickContext) -> HeldHere:
 async def _go_round(
     context: PickContext, world: WorldModel, centre: Array, name: str, viewpoints_before: Sequence[Array]
 ) -> None:
-    """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before; eyes_before:
-    (3,) world mm."""
+    """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before;
+    viewpoints_before: (3,) world mm."""
     mounting = context.cell.mounting
     poses = places_round(centre, mounting, context.settings.verify_mm)
     poses = await context.cell.compute(allowed, poses, context.mover.reach)

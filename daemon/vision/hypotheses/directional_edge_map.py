@@ -137,7 +137,7 @@ class Rays:
 
     @classmethod
     def of(cls, at: Array, way: Array, camera_x_mm: float, seen: DirectionalEdgeMap) -> Rays:
-        """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the camera lies eye_x_mm along
+        """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the camera lies camera_x_mm along
         it."""
         depth = at[:, 2:]
         ideal = (at[:, :2] - [camera_x_mm, 0.0]) / depth

@@ -231,7 +231,7 @@ def expected(
 
 
 def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array, count: int) -> Flags:
-    """(E, S) which of so many stretches of each edge the part itself does not hide from a camera at eye_mm (3,)."""
+    """(E, S) which of so many stretches of each edge the part itself does not hide from a viewpoint_mm (3,)."""
     seen = np.ones((len(edges.start), count), bool)
     shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
     for k, solid in enumerate(laid.shapes):
