@@ -75,9 +75,9 @@ def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, 
     """The extreme points among coplanar members, anticlockwise about the outward normal."""
     spread = points[list(members)] - points[list(members)].mean(axis=0)
     across = spread[np.argmax(np.linalg.norm(spread, axis=1))]
-    across = across / np.linalg.norm(across)
-    flat = spread @ np.column_stack([across, np.cross(normal, across)])
+    flat = np.column_stack([spread @ across, spread @ np.cross(normal, across)])
     ring = list(np.argsort(np.arctan2(flat[:, 1], flat[:, 0])))
+    flat /= np.linalg.norm(across)
     i = int(np.argmax(np.linalg.norm(spread[ring], axis=1)))
     ring = ring[i:] + ring[:i]
     k, kept = 1, 0
