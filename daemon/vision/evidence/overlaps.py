@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
 from daemon import frames
+from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import COVERED
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, nearest_first, recognised
+from daemon.vision.recognition import Recognised, joined, recognised
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
@@ -42,7 +44,8 @@ def without_overlaps(
         return any(shape.common(own) > COVERED * shape.area for own in over)
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
-    known = nearest_first((*named, *(r for r, _ in new), *rest))
+    holes = partial(hole_nats, images=images, tolerance_mm=model.parameters.tolerance_mm)
+    known = joined((*named, *(r for r, _ in new), *rest), model, holes)
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 

@@ -5,7 +5,7 @@ from daemon.vision.recognition.fits import PoseEvidence, fitted, places_of, reca
 from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
-    nearest_first,
+    joined,
     recognise,
     recognise_group,
     recognised,

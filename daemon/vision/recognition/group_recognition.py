@@ -6,13 +6,15 @@ else. In: groups and a Model. Out: each group with its Part. Seeing facets, lear
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from daemon.arrays import Array, Index
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets import merge_vertices
-from daemon.vision.model import FacetLibrary, Model, type_number, types_of
+from daemon.vision.geometry import newell_normal
+from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, type_number, types_of
 from daemon.vision.recognition.confidence import probability, weighed
 from daemon.vision.recognition.fits import (
     FacetHypothesis,
@@ -33,6 +35,7 @@ FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsu
 SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
+HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +74,57 @@ def recognise(groups: Iterable[Group], model: Model, seen: PoseEvidence | None =
 
     seen: what pictures speak for a label at a pose besides facets.
     """
-    return nearest_first([recognised(group, model, seen) for group in groups if group.facets])
+    return joined([found for group in groups if group.facets for found in _parts_of(group, model, seen)], model, seen)
 
 
-def nearest_first(found: Iterable[Recognised]) -> tuple[Recognised, ...]:
-    """What was found, the nearest to the cameras first."""
-    return tuple(sorted(found, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
+def joined(found: Sequence[Recognised], model: Model, seen: PoseEvidence | None = None) -> tuple[Recognised, ...]:
+    """What was found, nearest first, with those made one that share an edge after all and have a name together."""
+    parts = list(found)
+    for one, other in combinations(found, 2):
+        if one in parts and other in parts and one.label == other.label:
+            whole = _as_one(one.group, other.group, model, seen)
+            if whole is not None:
+                parts = [p for p in parts if p not in (one, other)] + [whole]
+    return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
 def recognised(group: Group, model: Model, seen: PoseEvidence | None = None) -> Recognised:
     """One group, and what it is taken for."""
     return Recognised(group, recognise_group(group, model, seen))
+
+
+def _as_one(one: Group, other: Group, model: Model, seen: PoseEvidence | None) -> Recognised | None:
+    """Two groups as one, where they share an edge and that has a name; else None."""
+    whole = merge_vertices(one.facets + other.facets)
+    if not whole.touching[: len(one.facets), len(one.facets) :].any():
+        return None
+    found = recognised(whole, model, seen)
+    return found if found.named else None
+
+
+def _parts_of(group: Group, model: Model, seen: PoseEvidence | None) -> tuple[Recognised, ...]:
+    """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
+
+    A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
+    irregular, or that meets its neighbours in a hollow edge, as the table does.
+    """
+    whole = recognised(group, model, seen)
+    if whole.named or len(group.facets) < 3:
+        return (whole,)
+    for index, facet in enumerate(whole.part.facets):
+        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
+            continue
+        rest = recognised(group.only([k for k in range(len(group.facets)) if k != index]), model, seen)
+        if rest.named:
+            return rest, recognised(group.only([index]), model, seen)
+    return (whole,)
+
+
+def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
+    """Whether a facet lies in front of every neighbour's plane: its middle is outside the solid they bound."""
+    beside = [facets[k] for k in np.nonzero(touching)[0]]
+    middle = facet.corners_mm.mean(0)
+    return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
 def suspected(facet: Facet, model: Model) -> tuple[Index, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from daemon.vision.model.model import Model, learn_view
 from daemon.vision.recognition.group_recognition import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
 from tests.fakes.remembered import SIX_VIEWS, shown
-from tests.fakes.solids import CUBE, KNOWN, PYRAMID, STRANGERS, TRIANGULAR, Body, pose, view_of
+from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)
 seeds = st.integers(0, 2**31)
@@ -115,6 +116,19 @@ def test_two_rectangles_of_a_triangular_prism_are_not_a_pentagonal_prism() -> No
         assert part.recognition.match_ratio == pytest.approx(2 / 3)
 
 
+def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
+    whole = view_of(PENTAGONAL, pose(np.array([0.81, 0.59, 0.6]), 0.4), np.random.default_rng(1))
+    assert sorted(len(f.corners_mm) for f in whole.facets) == [4, 4, 4, 5]
+    cuts = 0
+    for one in combinations(range(4), 2):
+        halves = [merge_vertices(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
+        if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
+            cuts += 1
+            (found,) = recognise(halves, taught())
+            assert (found.label, len(found.part.facets)) == ("pentagonal_prism", 4)
+    assert cuts >= 2
+
+
 def test_two_like_parts_that_lie_edge_to_edge_stay_two() -> None:
     at = pose(np.array([0.5, 0.4, 1.0]), 0.2)
     beside = at @ frames.rigid(np.eye(3), np.array([0.0, 50.0, 0.0]))
@@ -198,3 +212,21 @@ def test_what_is_taught_later_leaves_earlier_parts_alone() -> None:
     assert recognise_group(seen, model).recognition.label == "unknown"
     for label, metric in model.metric.items():
         np.testing.assert_array_equal(metric.solid.corners_mm, more.metric[label].solid.corners_mm)
+
+
+def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
+    rng = np.random.default_rng(2)
+    group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
+    apart = tuple(merge_vertices([f]) for f in group.facets)
+    assert [r.label for r in recognise(apart, taught())] == ["triangular_prism"]
+
+
+def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
+    where = pose(np.array([1.0, 0.0, 0.4]), 0.2)
+    group = view_of(CUBE, where, np.random.default_rng(6))
+    low, high = group.facets[0].corners_mm[0], group.facets[0].corners_mm[1]
+    aside = np.array([0.0, 0.0, -1.0]) * 30 + np.cross(high - low, [0.0, 0.0, 1.0]) * 0.3
+    shadow = measured(np.stack([high, low, low + aside, high + 0.6 * aside]), None)
+    whole = merge_vertices((*group.facets, shadow))
+    assert whole.touching[0, -1]
+    assert "cube" in [r.label for r in recognise([whole], taught())]
