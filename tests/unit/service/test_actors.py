@@ -445,7 +445,7 @@ def test_a_place_that_is_written_amid_a_pick_is_the_next_picks():
 
     def act(story: Story) -> str | None:
         typed(story, "pick cube", 0.1)
-        story.write_places(nest=[400.0, -250.0, -300.0])
+        story.write_places(nest=[850.0, -600.0, -300.0])
         story.frontends[1].say("reload")
         return picked_or(story, "another place")
 
