@@ -58,6 +58,7 @@ async def looking(
         return await _elsewhere(
             context, world, "its corners are not where the look before had them", DecisionCode.MOVED_BETWEEN_LOOKS
         )
+    world.failures += 1
     world.odd["not seen where it was thought to lie"] += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:

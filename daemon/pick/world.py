@@ -180,7 +180,7 @@ class WorldModel:
     there by them; looked_again: (3,) centres of parts that were looked at from another side; gained: what each further
     look brought; ghosts: (3,) middles of lone facets that did not show again; unseen_from: (3,) where a part lay and
     (3,) in which direction from it a look along its approach did not find it; last_target: stays when the target is
-    given up; doubtful: to be looked at from another side; failures: grasps that missed; old_looks: how often a table
+    given up; doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table
     was looked at again because its looks got old; questioned: what was found before two looks at the target disagreed;
     doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
     the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the

@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
-from daemon.pick import approach
+from daemon.pick import approach, take
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import SuspectError
 from tests.fakes.fake_cell import one_part
@@ -88,6 +88,23 @@ def test_a_part_that_was_turned_over_near_its_place_is_planned_again_but_not_for
     shifted(fake, "cube", -28, 0, 0)
     assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert [s.outcome for s in world.skipped] == ["lost"]
+
+
+def test_a_look_that_does_not_find_a_part_counts_as_a_try_at_it(monkeypatch):
+    """Settings.tries is how often one part is tried: lost once and missed once are two."""
+    fake = one_part()
+    context, world = begun(fake)
+    assert context.settings.tries == 2
+    brought_to(PickState.LOOKING, context, world)
+    lying = dict(fake.lying)
+    fake.lying.clear()
+    assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
+    fake.lying.update(lying)
+    brought_to(PickState.VERIFY, context, world)
+    monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
+    monkeypatch.setattr(take, "in_hand", lambda *_: False)
+    assert step(context, world, PickState.VERIFY) is PickEvent.MISSED
+    assert [(one.outcome, one.why.split(" after ")[-1]) for one in world.skipped] == [("missed", "2 tries")]
 
 
 def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after_the_last():
