@@ -115,6 +115,18 @@ def angle_between(a: Array, b: Array) -> float:
     return float(np.linalg.norm(vector_from_rotation(a[:3, :3].T @ b[:3, :3])))
 
 
+def turn_about(axis: Array, rotation: Array) -> float:
+    """The angle in rad of the turn about a unit axis (3,) that is nearest to a rotation (3, 3)."""
+    turned = rotation - rotation.T
+    sine = axis @ [turned[2, 1], turned[0, 2], turned[1, 0]]
+    return float(np.arctan2(sine, np.trace(rotation) - axis @ rotation @ axis))
+
+
+def rms_deg(covariance: Array) -> float:
+    """Rms angle, degrees, of a rotation vector with a covariance (N, N), rad^2, over its axes together."""
+    return float(np.degrees(np.sqrt(np.trace(covariance))))
+
+
 def transport_covariance(c_from_b: Array, covariance_in_b: Array) -> Array:
     """Covariance (6, 6) of b_from_a -> that of c_from_a = c_from_b @ b_from_a, c_from_b exact.
 

@@ -402,7 +402,7 @@ def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
     sigma = np.sqrt(np.diag(_covariance(model, count)))
     open_ones = sigma > np.where(ANGLE_LIKE, np.radians(1.0), PRIOR_MM / 100.0)
     tool = frames.rotation_from_vector(x[9:12])
-    turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))
+    turn = frames.turn_about(np.array([0.0, 0.0, 1.0]), tool)
     wrist_from_tool = frames.rigid(about_z(-turn) @ tool, about_z(-turn) @ x[12:15])
     zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
     sigmas = np.where(ANGLE_LIKE, np.degrees(sigma), sigma)

@@ -87,7 +87,7 @@ class HandEyeResult:
     @property
     def sigma_deg(self) -> float:
         """One standard deviation of the orientation, over all three axes."""
-        return float(np.degrees(np.sqrt(np.trace(self.covariance[3:, 3:]))))
+        return frames.rms_deg(self.covariance[3:, 3:])
 
     @property
     def warning(self) -> str | None:

@@ -269,7 +269,7 @@ def _sigmas(solution: Solution) -> dict[str, float]:
     turn = solution.covariance[POSE, POSE][:3, :3]
     named["baseline_mm"] = float(np.sqrt(along @ place @ along))
     named["vergence_deg"] = float(np.degrees(np.sqrt(turn[1, 1])))
-    named["right.turn_deg"] = float(np.degrees(np.sqrt(np.trace(turn))))
+    named["right.turn_deg"] = frames.rms_deg(turn)
     return named
 
 

@@ -257,7 +257,7 @@ def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array,
     middle = frames.point_motion(tool_from_part[:3, :3] @ shape.corners_mm.mean(axis=0))
     both = covariance + arm
     mm = float(np.sqrt(np.trace(middle @ both @ middle.T)))
-    return mm, float(np.degrees(np.sqrt(np.trace(both[3:, 3:]))))
+    return mm, frames.rms_deg(both[3:, 3:])
 
 
 def _held_reach_mm(shape: Polyhedron, held: HeldPart, doubt: Doubt) -> float:

@@ -94,9 +94,8 @@ class Goal:
         """A pose turned about the axis of a body of revolution to be as near as it can to another one (4, 4)."""
         if self.axis is None:
             return pose
-        way, turn = self.axis.way, pose[:3, :3].T @ world_from_part[:3, :3]
-        sine = way @ [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        about = frames.rotation_from_vector(way * np.arctan2(sine, np.trace(turn) - way @ turn @ way))
+        way = self.axis.way
+        about = frames.rotation_from_vector(way * frames.turn_about(way, pose[:3, :3].T @ world_from_part[:3, :3]))
         return pose @ frames.rigid(about, self.axis.point_mm - about @ self.axis.point_mm)
 
     @cached_property

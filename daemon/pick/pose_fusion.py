@@ -74,16 +74,12 @@ class Estimate:
     @property
     def predicted_deg(self) -> float:
         """The angle."""
-        return _degrees(self.at_grasp[3:, 3:])
+        return frames.rms_deg(self.at_grasp[3:, 3:])
 
     @property
     def predicted_tilt_deg(self) -> float:
         """The angle without the turn about the vertical."""
-        return _degrees(self.at_grasp[3:5, 3:5])
-
-
-def _degrees(covariance: Array) -> float:
-    return float(np.degrees(np.sqrt(np.trace(covariance))))
+        return frames.rms_deg(self.at_grasp[3:5, 3:5])
 
 
 def sighting(

@@ -102,3 +102,18 @@ def test_the_nearest_rotation_to_a_mirror_is_no_mirror() -> None:
 def test_what_is_no_rigid_transform_is_told_in_words(matrix: frames.Array, told: str) -> None:
     assert told in str(frames.not_rigid(matrix))
     assert frames.not_rigid(np.eye(4)) is None
+
+
+@pytest.mark.parametrize("turned", [-2.0, -0.3, 0.0, 1.2, 3.0])
+def test_the_turn_about_an_axis_is_the_nearest_to_a_rotation_of_all_turns_about_it(turned: float) -> None:
+    axis, aside = np.array([0.6, 0.0, 0.8]), frames.rotation_from_vector(np.array([0.0, 0.2, 0.0]))
+    about = frames.rotation_from_vector(axis * turned)
+    assert frames.turn_about(axis, about) == pytest.approx(turned)
+    rotation = about @ aside
+    tried = np.linspace(-np.pi, np.pi, 2001)
+    apart = [frames.angle_between(frames.rotation_from_vector(axis * angle), rotation) for angle in tried]
+    assert abs(frames.turn_about(axis, rotation) - tried[int(np.argmin(apart))]) < 2e-3
+
+
+def test_the_rms_angle_is_over_all_axes_together() -> None:
+    assert frames.rms_deg(np.diag(np.radians([3.0, 4.0, 12.0]) ** 2)) == pytest.approx(13.0)
