@@ -52,7 +52,7 @@ class PartShape:
 
 def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
     """Convex hull of (N, 3) points, up to a hundred; triangles coplanar within flat_mm are one face."""
-    found: dict[bytes, tuple[tuple[int, ...], Array]] = {}
+    found: dict[bytes, Array] = {}
     triples = np.array(list(combinations(range(len(points)), 3)))
     for some in np.array_split(triples, len(triples) // AT_ONCE + 1):
         a, b, c = (points[some[:, k]] for k in range(3))
@@ -63,10 +63,11 @@ def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
         outward = np.where(off.min(axis=0) > -flat_mm, -1.0, 1.0)[outside]
         on = (off[:, outside] * outward > -flat_mm).T
         for members, normal in zip(on, (outward / length[outside])[:, None] * crossed[outside], strict=True):
-            key = members.tobytes()
-            found[key] = (found[key][0] if key in found else tuple(np.flatnonzero(members))), normal
-    faces = tuple(_loop(points, members, normal) for members, normal in found.values())
-    normals = np.array([normal for _, normal in found.values()])
+            found[members.tobytes()] = normal
+    faces = tuple(
+        _loop(points, tuple(np.flatnonzero(np.frombuffer(members, bool))), normal) for members, normal in found.items()
+    )
+    normals = np.array(list(found.values()))
     offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
     return ConvexSolid(points, faces, normals, offsets)
 

@@ -205,7 +205,13 @@ def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:
 def findings_json(findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
     """For run logs and machines: name, camera, value, good, and limit."""
     return [
-        {"name": f.name, "eye": f.camera, "value": round(f.value, 4), "good": f.good}
-        | {"limit": MEASURES[f.name].limit, "unit": MEASURES[f.name].unit}
+        {
+            "name": f.name,
+            "eye": f.camera,
+            "value": round(f.value, 4),
+            "good": f.good,
+            "limit": MEASURES[f.name].limit,
+            "unit": MEASURES[f.name].unit,
+        }
         for f in findings
     ]
