@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import re
 import socket
@@ -42,7 +43,8 @@ class Scripted:
                 connection, _ = self._listener.accept()
             except OSError:
                 return
-            with connection, connection.makefile("rwb") as file:
+            # The client may hang up between two lines of an answer, as it may on the real daemon.
+            with contextlib.suppress(ConnectionError), connection, connection.makefile("rwb") as file:
                 for line in file:
                     try:
                         message = json.loads(line)
