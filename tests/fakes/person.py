@@ -45,7 +45,7 @@ class Person:
         """Press keys."""
         os.write(self._handle, keys.encode("latin-1"))
 
-    def sees(self, text: str, within_s: float = 20.0) -> str:
+    def sees(self, text: str, within_s: float = 60.0) -> str:
         """Wait for a text in new output; returns the output before it."""
         deadline = time.monotonic() + within_s
         while text not in self.seen:

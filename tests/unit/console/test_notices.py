@@ -18,6 +18,7 @@ from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.events.outcomes import BROUGHT
 from daemon.events.pick_order import PickOrder
+from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so
 
 HOME = Waiting("home: joints", Mock(), 0.0)
@@ -147,7 +148,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         await asyncio.sleep(0)
         return frontend.heard
 
-    assert asyncio.run(run()) == ["Auto has ended: 2 parts picked; the table is empty."]
+    assert lived(run()) == ["Auto has ended: 2 parts picked; the table is empty."]
 
 
 @pytest.mark.parametrize(
@@ -199,7 +200,7 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
         end_of_first.set()
         return await waiting
 
-    assert [one.outcome for one in asyncio.run(run())] == ["picked"]
+    assert [one.outcome for one in lived(run())] == ["picked"]
 
 
 def waited_for(state: dict[str, Any]) -> Any:
@@ -232,7 +233,7 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
         decided.set()
         return await waiting
 
-    assert asyncio.run(asyncio.wait_for(run(), 5)) == "moved"
+    assert lived(run()) == "moved"
     assert frontend.asked == ["home: joints. Send it? [y/n]"]
 
 
@@ -247,7 +248,7 @@ def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() ->
             state["state"] = held
             await asyncio.sleep(2.5 * step_mode.POLL_S)
 
-    asyncio.run(with_questions(context, move(), frontend))  # type: ignore[arg-type]
+    lived(with_questions(context, move(), frontend))  # type: ignore[arg-type]
     assert frontend.said == ["Paused before the next move: `resume` continues."] * 2
 
 
@@ -293,4 +294,4 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
         await asyncio.gather(moving_on, asked)
         watching.cancel()
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    asyncio.run(run())

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import base64
-import contextlib
-import json
 import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -19,61 +18,35 @@ from daemon import ctl
 from daemon.cli.commission_steps import CommissioningDialogue, CommissioningPlan, CommissioningSession, NotProvenError
 from daemon.frontends import client, console
 from daemon.frontends.client import PIECE, DaemonLink, DaemonUnreachableError, StopUnansweredError, file_in_pieces
+from tests.fakes.fake_daemon import DONE, FakeDaemon, Message, Say
 from tests.fakes.person import piped
+from tests.fakes.waiting import PATIENCE_S
 
 
-class Scripted:
-    """A daemon that answers each message with lines it was given, and remembers what it heard."""
+class Scripted(FakeDaemon):
+    """A daemon that answers each message with lines it was given; None: it hangs up."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.heard = path, list[dict[str, Any]]()
-        self.answers: dict[str, list[dict[str, Any]]] = {}
+        self.answers: dict[str, list[Message] | None] = {}
         self.before_answering: Callable[[], object] = lambda: None
         self.before_each: Callable[[], object] = lambda: None
-        self.gone = threading.Event()
-        self._listener = socket.socket(socket.AF_UNIX)
-        self._listener.bind(str(path))
-        self._listener.listen()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        super().__init__(path, self._answer_as_given)
 
-    def _serve(self) -> None:
-        while True:
-            try:
-                connection, _ = self._listener.accept()
-            except OSError:
-                return
-            # The client may hang up between two lines of an answer, as it may on the real daemon.
-            with contextlib.suppress(ConnectionError), connection, connection.makefile("rwb") as file:
-                for line in file:
-                    try:
-                        message = json.loads(line)
-                    except ValueError:
-                        continue
-                    self.before_answering()
-                    self.heard.append(message)
-                    key = next(iter(message))
-                    told = self.answers.get(str(message[key]), self.answers.get(key, []))
-                    if told is None:
-                        break
-                    for one in told:
-                        self.before_each()
-                        file.write(json.dumps(one).encode() + b"\n")
-                        file.flush()
-            self.gone.set()
-
-    def close(self) -> None:
-        self._listener.close()
+    def _answer_as_given(self, message: Message, say: Say) -> None:
+        self.before_answering()
+        key = next(iter(message))
+        lines = self.answers.get(str(message[key]), self.answers.get(key, []))
+        if lines is None:
+            raise ConnectionAbortedError
+        for line in lines:
+            self.before_each()
+            say(line)
 
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[Scripted]:
-    daemon = Scripted(tmp_path / "s")
-    yield daemon
-    daemon.close()
-
-
-DONE = {"done": {"text": "well", "data": {}, "status": 0}}
+    with Scripted(tmp_path / "s") as daemon:
+        yield daemon
 
 
 def test_what_is_said_meanwhile_is_shown_and_the_answer_given(daemon: Scripted) -> None:
@@ -100,7 +73,7 @@ def test_a_question_is_answered_by_its_number_and_where_nobody_is_asked_it_is_no
 
 
 def test_a_daemon_that_goes_away_is_told(daemon: Scripted) -> None:
-    daemon.answers["look"] = None  # type: ignore[assignment]
+    daemon.answers["look"] = None
     with DaemonLink(daemon.path) as link, pytest.raises(DaemonUnreachableError, match="ended before it answered"):
         link.do("look", "here", print)
 
@@ -165,7 +138,7 @@ def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scr
 def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -> None:
     link = DaemonLink(daemon.path)
     link.close()
-    assert daemon.gone.wait(5)
+    assert daemon.hung_up.wait(PATIENCE_S)
     link.close()
     link.reconnect()
     daemon.answers["look"] = [DONE]
@@ -253,9 +226,8 @@ def hung(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scripted]:
     """A daemon that takes people in and says nothing, and people who do not wait so long for it."""
     monkeypatch.setattr(client, "STOP_ANSWER_S", 0.2)
     monkeypatch.setattr(client, "ALIVE_S", 0.3)
-    daemon = Scripted(tmp_path / "hung")
-    yield daemon
-    daemon.close()
+    with Scripted(tmp_path / "hung") as daemon:
+        yield daemon
 
 
 @pytest.mark.parametrize("word", ["stop", "HALT!", "disable", "abort"])
@@ -334,16 +306,16 @@ def test_a_daemon_that_waits_for_the_controller_is_waited_for_and_one_that_then_
     def stop(link: DaemonLink) -> Any:
         return link.do("stop", "here", said.append) if by == "a word" else link.interrupt(said.append)
 
-    monkeypatch.setattr(client, "STOP_ANSWER_S", 1.0)
     said, asked = list[str](), "stop" if by == "a word" else "interrupt"
     signs = [{"stopping": True}, {"say": "waiting"}, *[{"stopping": True}] * 4]
     hung.answers[asked] = [*signs, {"stopped": "at rest"} if by == "control-C" else DONE]
-    waited = threading.Event()
-    hung.before_each = lambda: waited.wait(client.STOP_ANSWER_S / 4)
-    with DaemonLink(hung.path) as link:
+    passed: list[float] = []  # the client's clock: a quarter of its patience before each sign
+    hung.before_each = lambda: passed.append(client.STOP_ANSWER_S / 4)
+    with monkeypatch.context() as simulated, DaemonLink(hung.path) as link:
+        simulated.setattr(client, "time", SimpleNamespace(monotonic=lambda: sum(passed)))
         assert stop(link) == ("at rest" if by == "control-C" else DONE["done"])
     assert said == ["waiting"]
-    hung.answers[asked] = signs
+    hung.answers[asked], hung.before_each = signs, lambda: None
     with DaemonLink(hung.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
         stop(link)
     assert said == ["waiting", "waiting", client.UNANSWERED]
@@ -383,7 +355,7 @@ def test_without_a_daemon_a_stop_sends_to_the_emergency_stop(
 
 
 def test_a_stop_whose_daemon_ends_before_it_answers_sends_to_the_emergency_stop(daemon: Scripted) -> None:
-    daemon.answers |= {"stop": None, "interrupt": None}  # type: ignore[dict-item]
+    daemon.answers |= {"stop": None, "interrupt": None}
     with DaemonLink(daemon.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
         link.do("stop", "here", print)
     with DaemonLink(daemon.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):

@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 import pytest
 
+from daemon.commands.step_mode import READ_S
 from daemon.console.interpreter import CommandResult, ConsoleCommand, Interpreter
 from daemon.console.notices import Notices
 from daemon.frontends.client import STOP_ANSWER_S
@@ -83,13 +84,13 @@ class Operator:
 def play(script: Callable[[Operator], Awaitable[None]]) -> Operator:
     async def run() -> Operator:
         operator = Operator()
-        await asyncio.wait_for(script(operator), 5)
+        await script(operator)
         operator.may_end.set()
         operator.queue.leave()
-        await asyncio.wait_for(operator.queue.end(), 5)
+        await operator.queue.end()
         return operator
 
-    return asyncio.run(run())
+    return lived(run())
 
 
 async def a_moment() -> None:
@@ -344,11 +345,8 @@ def test_a_question_has_a_number_and_stands_until_it_is_answered() -> None:
     assert play(script).answers == ["colour: 'blue'"] * 2
 
 
-def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_one_before_was_answered_here(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_one_before_was_answered_here() -> None:
     """Somebody else had settled the one before: the answer to that one was on its way, or under a finger."""
-    monkeypatch.setattr("daemon.frontends.command_queue.READ_S", 0.05)
 
     async def script(operator: Operator) -> None:
         turns = operator.queue
@@ -363,7 +361,7 @@ def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_o
         again = "ignored, too soon for an answer: send 2?"
         assert operator.shown == ["send 1?", None, "send 2?", again]
         assert turns.question == 3, "put again, it is another: an answer to it may come at once"
-        await asyncio.sleep(0.06)
+        await asyncio.sleep(READ_S + 0.01)
         assert turns.answer("y")
         assert await second == "y"
         third = asyncio.ensure_future(turns.ask("send 3?"))

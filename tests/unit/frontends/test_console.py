@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import itertools
 import os
 import pty
 import shutil
@@ -11,9 +11,9 @@ import socket
 import sys
 import tempfile
 import threading
-import time
 import tty
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
 from types import SimpleNamespace
@@ -28,36 +28,9 @@ from daemon.console.stop_words import means_stop
 from daemon.frontends import client, console, keyboard
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.frontends.keyboard import InputLines
+from tests.fakes.fake_daemon import DONE, FakeDaemon, Message, Say
 from tests.fakes.person import Person, piped
-from tests.fakes.waiting import until
-
-
-class Played:
-    """A daemon's socket, at which each daemon in turn hears so many lines and then is killed."""
-
-    def __init__(self, place: Path) -> None:
-        self.place, self.heard = place, list[str]()
-
-    def live(self, lines: int) -> threading.Thread:
-        """One daemon; the last line it hears it does not answer."""
-        listening = socket.socket(socket.AF_UNIX)
-        listening.bind(str(self.place))
-        listening.listen(1)
-
-        def serve() -> None:
-            with listening, listening.accept()[0] as line, line.makefile("rwb") as file:
-                self.place.unlink()
-                spoken = (json.loads(said) for said in iter(file.readline, b""))
-                for k, said in zip(range(lines), (said for said in spoken if "do" in said), strict=False):
-                    self.heard.append(said["do"])
-                    if k < lines - 1:
-                        done = {"done": {"text": "well", "data": {}, "status": 0}, "id": said.get("id")}
-                        file.write(json.dumps(done).encode() + b"\n")
-                        file.flush()
-
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        return thread
+from tests.fakes.waiting import PATIENCE_S, until
 
 
 @pytest.fixture
@@ -67,76 +40,90 @@ def place() -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
+def killed_at(line: int) -> Callable[[Message, Say], None]:
+    """The answers of a daemon that is killed amid this one of the commands it hears."""
+    lines = itertools.count(1)
+
+    def answer(message: Message, say: Say) -> None:
+        if "do" in message:
+            if next(lines) == line:
+                raise ConnectionAbortedError
+            say(DONE | {"id": message.get("id")})
+
+    return answer
+
+
+def busy_until_stopped() -> Callable[[Message, Say], None]:
+    """The answers of a daemon that answers a stop at once, and what else it hears only after one."""
+    stopped = threading.Event()
+
+    def answer(message: Message, say: Say) -> None:
+        text = message["do"]
+        if means_stop(text):
+            stopped.set()
+        stopped.wait(PATIENCE_S)
+        say({"done": {"text": f"done: {text}", "data": {}, "status": int(text == "pick")}})
+
+    return answer
+
+
+def commands(*daemons: FakeDaemon) -> list[str]:
+    return [message["do"] for daemon in daemons for message in daemon.heard if "do" in message]
+
+
 def test_a_daemon_killed_amid_a_command_is_told_and_the_next_one_found_without_saying_anything_twice(
     place: Path,
 ) -> None:
-    played = Played(place)
-    first = played.live(2)
-    person = Person(place.parent, "console")
-    person.sees("facetd>")
-    person.types("status\r")
-    person.sees("well")
-    person.types("pick\r")
-    first.join(5)
-    person.sees("ended before it answered")
+    with FakeDaemon(place, killed_at(2), most=1) as first:
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("status\r")
+        person.sees("well")
+        person.types("pick\r")
+        person.sees("ended before it answered")
     person.sees("no daemon answers")
     person.types("go home\r")
     person.sees("not sent: go home")
-    played.live(3)
-    person.sees("Connected again")
-    person.types("status\r")
-    person.sees("well")
-    person.types("quit\r")
-    assert person.leaves() == 0
-    assert played.heard == ["status", "pick", "status"]
+    with FakeDaemon(place, killed_at(3), most=1) as second:
+        person.sees("Connected again")
+        person.types("status\r")
+        person.sees("well")
+        person.types("quit\r")
+        assert person.leaves() == 0
+    assert commands(first, second) == ["status", "pick", "status"]
 
 
 def test_a_script_ends_where_its_daemon_does(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    played = Played(place)
-    played.live(1)
-    link = DaemonLink(place)
-    with open(piped("pick\npick\n"), encoding="utf-8") as stdin:
+    with (
+        FakeDaemon(place, killed_at(1)),
+        DaemonLink(place) as link,
+        open(piped("pick\npick\n"), encoding="utf-8") as stdin,
+    ):
         monkeypatch.setattr(sys, "stdin", stdin)
         with pytest.raises(DaemonUnreachableError):
             console.converse(link)
-    link.close()
 
 
 def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_and_drops_what_waits(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    heard: list[str] = []
-
-    def live(listening: socket.socket) -> None:
-        def hear(line: socket.socket, then: Callable[[], None]) -> None:
-            with line, line.makefile("rwb") as file:
-                text = json.loads(file.readline())["do"]
-                heard.append(text)
-                then()
-                file.write(json.dumps({"done": {"text": f"done: {text}", "data": {}, "status": 0}}).encode() + b"\n")
-
-        hear(listening.accept()[0], lambda: hear(listening.accept()[0], lambda: None))
-
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(place))
-        listening.listen(2)
-        daemon = threading.Thread(target=live, args=(listening,), daemon=True)
-        daemon.start()
-        read, write = os.pipe()
-        with open(read, encoding="utf-8") as stdin, open(write, "w", encoding="utf-8") as program:
-            monkeypatch.setattr(sys, "stdin", stdin)
-            program.write("pick\n")
-            program.flush()
-            with DaemonLink(place) as link:
-                talking = threading.Thread(target=console.converse, args=(link,), daemon=True)
-                talking.start()
-                until(lambda: heard)
-                program.write("where\nstop\n")
-                program.close()
-                talking.join(5)
-                daemon.join(5)
-    assert heard == ["pick", "stop"]
-    assert not talking.is_alive()
+    read, write = os.pipe()
+    with (
+        FakeDaemon(place, busy_until_stopped()) as daemon,
+        open(read, encoding="utf-8") as stdin,
+        open(write, "w", encoding="utf-8") as program,
+        DaemonLink(place) as link,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        program.write("pick\n")
+        program.flush()
+        talking = pool.submit(console.converse, link)
+        daemon.hears()
+        program.write("where\nstop\n")
+        program.close()
+        talking.result(PATIENCE_S)
+    assert commands(daemon) == ["pick", "stop"]
     told = capsys.readouterr().out.splitlines()
     assert sorted(told) == ["done: pick", "done: stop", "not done: where"], "in whichever order they are heard"
 
@@ -184,13 +171,11 @@ def test_at_the_prompt_a_stop_that_a_hung_daemon_does_not_answer_sends_to_the_em
 
 
 def test_at_the_prompt_a_stop_where_no_daemon_is_any_more_sends_to_the_emergency_stop(place: Path) -> None:
-    played = Played(place)
-    first = played.live(1)
-    person = Person(place.parent, "console")
-    person.sees("facetd>")
-    person.types("stop\r")
-    person.sees("PRESS THE EMERGENCY STOP: the stop was not answered")
-    first.join(5)
+    with FakeDaemon(place, killed_at(1), most=1):
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("stop\r")
+        person.sees("PRESS THE EMERGENCY STOP: the stop was not answered")
     person.sees("no daemon answers")
     person.types("stop\r")
     person.sees("PRESS THE EMERGENCY STOP; not sent: stop: no daemon")
@@ -201,96 +186,77 @@ def test_at_the_prompt_a_stop_where_no_daemon_is_any_more_sends_to_the_emergency
 
 
 def test_at_the_prompt_a_stop_that_is_answered_sends_nobody_anywhere(place: Path) -> None:
-    played = Played(place)
-    played.live(3)
-    person = Person(place.parent, "console")
-    person.sees("facetd>")
-    person.types("stop\r")
-    person.sees("well")
-    assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S + 0.5)
-    person.types("quit\r")
-    assert person.leaves() == 0
+    with FakeDaemon(place, killed_at(3), most=1):
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("stop\r")
+        person.sees("well")
+        assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S + 0.5)
+        person.types("quit\r")
+        assert person.leaves() == 0
 
 
 def test_at_the_prompt_a_daemon_that_waits_for_the_controller_sends_nobody_anywhere_until_it_falls_silent(
     place: Path,
 ) -> None:
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(place))
-        listening.listen(1)
+    with FakeDaemon(place, most=1) as daemon:
         person = Person(place.parent, "console")
-        with listening.accept()[0] as line, line.makefile("rwb") as file:
-            person.sees("facetd>")
-            person.types("stop\r")
-            while "do" not in json.loads(file.readline()):
-                pass
-            for _ in range(5):
-                file.write(b'{"stopping": true}\n')
-                file.flush()
-                assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S / 4)
-            person.sees("PRESS THE EMERGENCY STOP: no answer to the stop for 2 s")
-            person.types("quit\r")
-            assert person.leaves() == ctl.STOP_UNANSWERED
+        person.sees("facetd>")
+        person.types("stop\r")
+        daemon.hears(lambda message: "do" in message)
+        for _ in range(5):
+            daemon.says(stopping=True)
+            assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S / 4)
+        person.sees("PRESS THE EMERGENCY STOP: no answer to the stop for 2 s")
+        person.types("quit\r")
+        assert person.leaves() == ctl.STOP_UNANSWERED
 
 
-class Asking:
-    """A daemon's socket, at which questions come and go."""
+@pytest.fixture
+def daemon(place: Path) -> Iterator[FakeDaemon]:
+    """A daemon that answers nothing."""
+    with FakeDaemon(place, most=1) as daemon:
+        yield daemon
 
-    def __init__(self, place: Path) -> None:
-        self.heard: SimpleQueue[dict[str, Any]] = SimpleQueue()
-        self._listening = socket.socket(socket.AF_UNIX)
-        self._listening.bind(str(place))
-        self._listening.listen(1)
-        threading.Thread(target=self._serve, daemon=True).start()
 
-    def _serve(self) -> None:
-        with self._listening, self._listening.accept()[0] as line, line.makefile("rwb") as self._file:
-            for said in iter(self._file.readline, b""):
-                self.heard.put(json.loads(said))
-
-    def tell(self, **message: object) -> None:
-        self._file.write(json.dumps(message).encode() + b"\n")
-        self._file.flush()
+@pytest.fixture
+def person(daemon: FakeDaemon) -> Person:
+    """Somebody at its prompt."""
+    person = Person(daemon.path.parent, "console")
+    person.sees("facetd>")
+    assert daemon.hears() == {"notices": True}
+    return person
 
 
 @pytest.mark.parametrize(
     ("first", "amid", "last"), [("st", "", "op"), ("", "st", "op"), ("s", "t", "op"), ("go home", "s", "top")]
 )
-def test_a_stop_that_a_question_comes_or_goes_amid_is_heard(place: Path, first: str, amid: str, last: str) -> None:
+def test_a_stop_that_a_question_comes_or_goes_amid_is_heard(
+    daemon: FakeDaemon, person: Person, first: str, amid: str, last: str
+) -> None:
     """Somebody else said yes to the move that was asked about here: the `st` that stood there was taken away with the
     question, and what was left of the word was none."""
-    daemon, person = Asking(place), Person(place.parent, "console")
-    person.sees("facetd>")
     if first:
         person.types(first)
         person.sees(first.split()[-1])
-    daemon.tell(ask="Send it?", id=1)
+    daemon.says(ask="Send it?", id=1)
     person.sees("Send it?")
     if amid:
         person.types(amid)
         person.sees(amid)
-        daemon.tell(unasked=1)
+        daemon.says(unasked=1)
         person.sees("facetd>")
     person.types(f"{last}\r")
-    assert daemon.heard.get(timeout=10.0) == {"notices": True}
-    said = daemon.heard.get(timeout=10.0)
+    said = daemon.hears()
     assert said.get("do", said.get("answer")) == "stop"
     person.types("\x04")
     assert person.leaves() == 0
 
 
-def commands_heard(daemon: Asking, count: int) -> list[dict[str, Any]]:
-    assert daemon.heard.get(timeout=10.0) == {"notices": True}
-    return [daemon.heard.get(timeout=10.0) for _ in range(count)]
-
-
-def test_a_stop_waits_for_no_terminal_that_does_not_say_where_its_cursor_is(place: Path) -> None:
+def test_a_stop_waits_for_no_terminal_that_does_not_say_where_its_cursor_is(daemon: FakeDaemon, person: Person) -> None:
     """The first stop at a new prompt left a second late where the terminal gave no answer, and with a slow one's."""
-    daemon, person = Asking(place), Person(place.parent, "console")
-    person.sees("facetd>")
     person.types("stop\r")
-    (said,) = commands_heard(daemon, 1)
-    assert said["do"] == "stop"
+    assert daemon.hears()["do"] == "stop"
     person.types("\x04")
     person.leaves()
     assert not person.asked_for_cursor
@@ -306,62 +272,110 @@ def test_a_stop_waits_for_no_terminal_that_does_not_say_where_its_cursor_is(plac
         ("", "\x1b[200~status\rstop\r"),  # the mark of its end is lost
     ],
 )
-def test_a_stop_in_a_paste_is_said_at_once_and_nothing_else_of_it(place: Path, typed: str, pasted: str) -> None:
+def test_a_stop_in_a_paste_is_said_at_once_and_nothing_else_of_it(
+    daemon: FakeDaemon, person: Person, typed: str, pasted: str
+) -> None:
     """The lines of a paste were made one: a stop in it was one word too many, or a part of a comment."""
-    daemon, person = Asking(place), Person(place.parent, "console")
-    person.sees("facetd>")
     if typed:
         person.types(typed)
         person.sees(typed)
     person.types(pasted)
-    (said,) = commands_heard(daemon, 1)
-    assert said["do"] == "stop"
+    assert daemon.hears()["do"] == "stop"
     person.types("where\r")
-    assert daemon.heard.get(timeout=10.0)["do"] == "where", "nothing of the paste is left"
+    assert daemon.hears()["do"] == "where", "nothing of the paste is left"
     person.types("\x04")
     person.leaves()
 
 
-def test_control_c_is_heard_amid_a_paste_whose_end_is_lost(place: Path) -> None:
-    daemon, person = Asking(place), Person(place.parent, "console")
-    person.sees("facetd>")
+def test_control_c_is_heard_amid_a_paste_whose_end_is_lost(daemon: FakeDaemon, person: Person) -> None:
     person.types("\x1b[200~status")
     person.sees_for(0.2)
     person.types("\x03")
-    assert commands_heard(daemon, 1) == [{"interrupt": True}]
+    assert daemon.hears() == {"interrupt": True}
     person.types("where\r")
-    assert daemon.heard.get(timeout=10.0)["do"] == "where"
+    assert daemon.hears()["do"] == "where"
     person.types("\x04")
     person.leaves()
 
 
-def test_each_line_of_a_paste_is_a_line_of_its_own_behind_one_enter(place: Path) -> None:
-    daemon, person = Asking(place), Person(place.parent, "console")
-    person.sees("facetd>")
+def test_each_line_of_a_paste_is_a_line_of_its_own_behind_one_enter(daemon: FakeDaemon, person: Person) -> None:
     person.types("\x1b[200~# how it stands\rstatus # now\r\r  where\r\x1b[201~")
     person.sees("2 lines pasted. Enter runs one after the other")
-    assert daemon.heard.qsize() <= 1, "nothing is said before that"
+    assert len(daemon.heard) == 1, "nothing is said before that"
     person.types("\r")
-    first, then = commands_heard(daemon, 2)
+    first, then = daemon.hears(), daemon.hears()
     assert (first["do"], then["do"].strip()) == ("status # now", "where")
     assert first["block"] == then["block"]
-    daemon.tell(ask="Sure?", id=1)
+    daemon.says(ask="Sure?", id=1)
     person.sees("Sure?")
     person.types("\x1b[200~y\rgo home\r\x1b[201~")
     person.sees("an answer is one line")
     person.types("n\r")
-    assert daemon.heard.get(timeout=10.0) == {"answer": "n", "id": 1}
+    assert daemon.hears() == {"answer": "n", "id": 1}
     person.types("\x1b[200~where\r\x1b[201~ # one line waits for Enter as well\r")
-    alone = daemon.heard.get(timeout=10.0)
+    alone = daemon.hears()
     assert (alone["do"], alone.get("block")) == ("where # one line waits for Enter as well", None)
     person.types("\x04")
     person.leaves()
-    kept = (place.parent / ".local/state/facetctl-history").read_text().splitlines()
+    kept = (daemon.path.parent / ".local/state/facetctl-history").read_text().splitlines()
     assert kept[:2] == ["status # now", "where"]
 
 
-def typed_later(write: Callable[[str], object], text: str) -> None:
-    threading.Timer(0.2, write, [text]).start()
+def test_notices_come_while_a_question_is_put_and_what_was_typed_for_something_else_answers_nothing(
+    daemon: FakeDaemon, person: Person
+) -> None:
+    person.types("pick cube\r")
+    assert daemon.hears(lambda message: "do" in message)["do"] == "pick cube"
+    person.types("statu")
+    person.sees("statu")
+    daemon.says(ask="Send it? [y/n]", id=7)
+    person.sees("Send it? [y/n]")
+    daemon.says(notice="picked: pyramid, 3 looks")
+    person.sees("picked: pyramid, 3 looks")
+    person.sees("Send it? [y/n]")
+    person.types("y\r")
+    assert daemon.hears(lambda message: "answer" in message) == {"answer": "y", "id": 7}
+    person.sees("facetd> statu")
+    daemon.says(ask="Again? [y/n]", id=8)
+    person.sees("Again? [y/n]")
+    person.types("y")
+    person.sees("y")
+    daemon.says(unasked=8)
+    person.sees("facetd> statu")
+    person.types("s\r")
+    assert daemon.hears(lambda message: message.get("do") == "status")["id"] == 2
+    assert [message for message in daemon.heard if "answer" in message] == [{"answer": "y", "id": 7}]
+    person.types("\x04")
+    assert person.leaves() == 0
+
+
+def test_who_leaves_while_a_pick_goes_on_is_told_so(place: Path) -> None:
+    """A console was closed, and the arm went on without a word."""
+
+    def answer(message: Message, say: Say) -> None:
+        if message.get("do") == "status":
+            say({"done": {"text": "", "status": 0, "data": {"doing": "auto"}}})
+
+    with FakeDaemon(place, answer, most=2):
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("quit\r")
+        person.sees("auto goes on without this console. `facetctl stop` stops the arm")
+        assert person.leaves() == 0
+
+
+def type_at_questions(monkeypatch: pytest.MonkeyPatch, write: Callable[[str], object], *lines: str) -> None:
+    """A line is typed as each question is shown, never before."""
+    coming = iter(lines)
+    monkeypatch.setattr(keyboard, "print", lambda *_, **how: write(next(coming)), raising=False)
+
+
+def typed(terminal: int, keys: str) -> None:
+    """Type, and wait until the terminal has taken the keys: it echoes them."""
+    os.write(terminal, keys.encode())
+    echo = ""
+    while echo.replace("\r", "") != keys:
+        echo += os.read(terminal, 4096).decode()
 
 
 def nobody_stops(line: str) -> None:
@@ -376,7 +390,7 @@ def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch
         with InputLines(nobody_stops, print) as typed:
             keys.write("go bin\ny\n")
             until(lambda: typed.waiting.qsize() >= 2)
-            typed_later(keys.write, "n\n")
+            type_at_questions(monkeypatch, keys.write, "n\n", "")
             assert typed.answer("Send it? [y/n]") == "n"
             keys.write("where")
             keys.close()
@@ -394,8 +408,8 @@ def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkey
         lines = InputLines(stops.put, print)
         os.write(master, b"y\nSTOP!\n")
         assert stops.get(timeout=10.0) == "STOP!"
-        for typed, answer in (("y\n", "y"), ("halt\n", ""), ("\n", "")):
-            typed_later(lambda text: os.write(master, text.encode()), typed)
+        type_at_questions(monkeypatch, lambda text: os.write(master, text.encode()), "y\n", "halt\n", "\n")
+        for answer in ("y", "", ""):
             assert lines.answer("Everybody out of the arm's reach? [y/n]") == answer
         assert stops.get(timeout=10.0) == "halt"
         lines.close()
@@ -408,9 +422,8 @@ def test_keys_typed_at_a_terminal_before_a_question_was_shown_do_not_answer_it(m
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         with InputLines(nobody_stops, print) as lines:
-            os.write(master, b"y\ny\n")
-            time.sleep(0.1)
-            typed_later(lambda text: os.write(master, text.encode()), "n\n")
+            typed(master, "y\ny\n")
+            type_at_questions(monkeypatch, lambda text: os.write(master, text.encode()), "n\n")
             assert lines.answer("Everybody out of the arm's reach? [y/n]") == "n"
     os.close(master)
 
@@ -425,9 +438,8 @@ def test_a_line_that_a_question_comes_amid_answers_it_nothing_and_stops_where_it
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         with InputLines(stops.put, print) as lines:
-            os.write(master, begun.encode())
-            time.sleep(0.1)
-            typed_later(lambda text: os.write(master, text.encode()), ended)
+            typed(master, begun)
+            type_at_questions(monkeypatch, lambda text: os.write(master, text.encode()), ended)
             assert lines.answer("Everybody out of the arm's reach? [y/n]") == ""
     assert stops.empty() is (begun == "y")
     os.close(master)
@@ -439,15 +451,18 @@ def test_keys_that_another_reads_one_by_one_or_in_front_of_us_are_left_to_it(mon
     master, slave = pty.openpty()
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
+        seen: list[bool] = []
+        may_read = keyboard._may_read_lines
+        monkeypatch.setattr(keyboard, "_may_read_lines", lambda handle: seen.append(may_read(handle)) or seen[-1])
         with InputLines(nobody_stops, print), monkeypatch.context() as shell:
             shell.setattr(keyboard.os, "tcgetpgrp", lambda _: -1)
             os.write(master, b"stop\n")
-            time.sleep(0.3)
+            until(lambda: len(seen) >= 3)
             assert os.read(slave, 9) == b"stop\n"
         tty.setcbreak(slave)
         with InputLines(nobody_stops, print):
             os.write(master, b"stop\n")
-            time.sleep(0.3)
+            until(lambda: len(seen) >= 6)
             assert os.read(slave, 9) == b"stop\n"
     os.close(master)
 
@@ -480,75 +495,44 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
     os.close(master)
 
 
-class Doing:
-    """A daemon's socket, at which a stop is answered at once and what else is said only after one."""
-
-    def __init__(self, place: Path) -> None:
-        self.heard: SimpleQueue[str] = SimpleQueue()
-        self._stopped = threading.Event()
-        self._listening = socket.socket(socket.AF_UNIX)
-        self._listening.bind(str(place))
-        self._listening.listen(4)
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self) -> None:
-        while True:
-            line, _ = self._listening.accept()
-            threading.Thread(target=self._answer, args=(line,), daemon=True).start()
-
-    def _answer(self, line: socket.socket) -> None:
-        with line, line.makefile("rwb") as file:
-            for said in iter(file.readline, b""):
-                text = json.loads(said)["do"]
-                self.heard.put(text)
-                if means_stop(text):
-                    self._stopped.set()
-                self._stopped.wait()
-                done = {"text": f"done: {text}", "data": {}, "status": int(text == "pick")}
-                file.write(json.dumps({"done": done}).encode() + b"\n")
-                file.flush()
-
-
 @pytest.mark.parametrize("words", [("pick",), ("--json", "pick"), ("script", "SCRIPT")])
 def test_a_stop_typed_while_a_command_or_a_script_is_being_done_is_said_at_once(
     place: Path, words: tuple[str, ...]
 ) -> None:
     """Nobody read it: control-C alone was heard. Behind what moves nothing a script went on to what does."""
-    daemon, script = Doing(place), place.parent / "script"
+    script = place.parent / "script"
     script.write_text("train\npick\n")
-    person = Person(place.parent, *(str(script) if word == "SCRIPT" else word for word in words))
-    assert daemon.heard.get(timeout=20.0) in ("pick", "train")
-    person.types("ls\n")
-    person.sees("ls")
-    person.types("halt\n")
-    person.sees("done: halt")
-    person.sees("not done: ls")
-    assert person.leaves() == 1
-    assert daemon.heard.get(timeout=1.0) == "halt"
-    assert daemon.heard.empty()
+    with FakeDaemon(place, busy_until_stopped()) as daemon:
+        person = Person(place.parent, *(str(script) if word == "SCRIPT" else word for word in words))
+        assert daemon.hears()["do"] in ("pick", "train")
+        person.types("ls\n")
+        person.sees("ls")
+        person.types("halt\n")
+        person.sees("done: halt")
+        person.sees("not done: ls")
+        assert person.leaves() == 1
+    assert commands(daemon)[1:] == ["halt"]
 
 
 def test_a_stop_in_a_script_that_comes_through_a_pipe_waits_for_no_line_before_it(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All of it was read before the first line was said."""
-    daemon, (read, write) = Doing(place), os.pipe()
+    read, write = os.pipe()
+    with FakeDaemon(place, busy_until_stopped()) as daemon, open(read, encoding="utf-8") as stdin:
 
-    def types() -> None:
-        os.write(write, b"train\n")
-        said.append(daemon.heard.get(timeout=10.0))
-        os.write(write, b"where\nstop\npick\n")
-        said.append(daemon.heard.get(timeout=10.0))
-        os.close(write)
+        def types() -> None:
+            os.write(write, b"train\n")
+            daemon.hears()
+            os.write(write, b"where\nstop\npick\n")
+            os.close(write)
 
-    said: list[str] = []
-    with open(read, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        typing = threading.Thread(target=types)
-        typing.start()
-        assert ctl.main(["--socket", str(place), "script", "-"]) == ctl.NOT_DONE
-        typing.join(10.0)
-    assert (said, daemon.heard.empty()) == (["train", "stop"], True)
+        with ThreadPoolExecutor(1) as pool:
+            typing = pool.submit(types)
+            assert ctl.main(["--socket", str(place), "script", "-"]) == ctl.NOT_DONE
+            typing.result(PATIENCE_S)
+    assert commands(daemon) == ["train", "stop"]
     told = capsys.readouterr()
     assert "not done: where\n" in told.out
     assert "stop; the rest was not run" in told.err
