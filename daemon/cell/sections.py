@@ -33,7 +33,7 @@ from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
-from daemon.store.yamlfile import Document, Key, read
+from daemon.store.yamlfile import ConfigError, Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
 from drivers.puma560 import PUMA560, ArmGeometry
@@ -297,6 +297,11 @@ def calibration_in_use(config: Config) -> Calibration:
     """The calibration in use, its hand-eye pose from the mounted gripper's tool centre point: cameras on the hand stay
     where they are as grippers change. Raises ConfigError."""
     calibration = load_calibration(config.calibration)
+    if calibration.simulated and config.kind in ("real", "linuxcnc"):
+        raise ConfigError(
+            f"{config.calibration}: hand_eye is the simulated cell's: enter where your cameras are, measured by ruler, "
+            "and delete its line `simulated`; or delete hand_eye: then the arm does no more than `robot cal`"
+        )
     made_with = calibration.flange_from_tool
     made_with = np.array(config.calibrated_tool if made_with is None else made_with)
     pose = calibration.tool_from_cyclopean

@@ -22,6 +22,14 @@ os.execv(sys.executable, [sys.executable, *sys.argv[2:]])"""
 """Replaces itself by facetd, with the socket of that number handed in."""
 
 
+def write_own_calibration(folder: Path) -> None:
+    """The calibration of etc/ as that of a real cell, which the simulated one's hand-eye is not."""
+    text = (ETC / "calibration.yaml").read_text(encoding="utf-8")
+    (folder / "calibration.yaml").write_text(
+        text.replace("  simulated: true ", "  # simulated: true "), encoding="utf-8"
+    )
+
+
 class Daemon:
     """A facetd process in its own folder, with a receiver of its sd_notify messages."""
 

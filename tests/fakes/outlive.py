@@ -21,6 +21,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
+from tests.fakes.daemon_process import write_own_calibration
 from tests.fakes.remote_cameras import PLACE, lend
 from tests.fakes.running import ETC, SHOWN
 from tests.fakes.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
@@ -69,6 +70,7 @@ class Beside(Sentry):
         config = (f"cell: real\ncameras: {{left: a, right: b}}\narm: {{port: {self.cell.port}, dialect: {dialect}}}\n"
                   f"pick: {{travel_pct: {ways.travel_pct}}}\n")  # fmt: skip
         super().__init__(folder, CONFIG + config, seed, ways.time_scale)
+        write_own_calibration(folder)
         self.program = "tests.fakes.remote_cameras"
         self.environment = {PLACE: str(folder / "eyes")}
 

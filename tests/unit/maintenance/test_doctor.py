@@ -62,11 +62,18 @@ def test_a_simulated_cell_as_installed_has_nothing_bad(tmp_path: Path) -> None:
 
 
 def test_what_is_bad_says_how_to_mend_it(tmp_path: Path) -> None:
-    config = configured(tmp_path, "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none-arm}\n")
+    devices = "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none-arm}\n"
+    config = configured(tmp_path, devices, changed("  simulated: true ", "  # simulated: true "))
     bad = [finding for finding in examine(config, running=False) if finding.level == "bad"]
     assert {finding.what for finding in bad} == {"camera /dev/none0", "camera /dev/none1", "controller port"}
     assert all(finding.mend for finding in bad)
     assert bad[-1].line().startswith("BAD  controller port: /dev/none-arm: No such file or directory. Plug it in")
+
+
+def test_the_simulated_cell_s_hand_eye_is_none_of_a_real_cell(tmp_path: Path) -> None:
+    (found,) = of(examine(configured(tmp_path, "arm: {port: /dev/none-arm}\n"), running=False), "calibration")
+    assert found.level == "bad"
+    assert "calibration.yaml: hand_eye is the simulated cell's: enter where your cameras are" in found.found
 
 
 def test_a_file_is_no_device_and_a_device_that_somebody_holds_is_named_with_them(tmp_path: Path, terminal: str) -> None:

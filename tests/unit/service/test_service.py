@@ -30,7 +30,7 @@ from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from daemon.store.yamlfile import ConfigError
 from drivers.val2.dialect import Dialect
-from tests.fakes.daemon_process import ETC, SIMULATED, Daemon
+from tests.fakes.daemon_process import ETC, SIMULATED, Daemon, write_own_calibration
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until
 
@@ -255,7 +255,12 @@ def bad_start(folder: Path, config: str, *arguments: str) -> tuple[int, str]:
         ("files: {calibration: none.yaml}\n", ("--sim",), 78, "files.calibration: expected a file"),
         ("files: {model: parts.yaml}\n", ("--sim",), 78, "parts.yaml"),
         ("cell: recorded\n", (), 2, "recorded pairs: "),
-        ("cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none}\n", (), 2, "/dev/none"),
+        (
+            "cameras: {left: a, right: b}\n",
+            (),
+            78,
+            "calibration.yaml: hand_eye is the simulated cell's: enter where your cameras are",
+        ),
     ],
 )
 def test_a_bad_start_is_one_line_and_nothing_is_left_behind(
@@ -266,6 +271,12 @@ def test_a_bad_start_is_one_line_and_nothing_is_left_behind(
     assert told.count("\n") == 1
     assert told.startswith("facetd: ")
     assert want in told
+
+
+def test_a_device_that_is_not_there_ends_the_start(folder: Path) -> None:
+    write_own_calibration(folder)
+    got, told = bad_start(folder, "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none}\n")
+    assert (got, told.count("\n"), "/dev/none" in told) == (2, 1, True), told
 
 
 def test_a_state_folder_that_cannot_be_is_told_with_the_key_that_names_it(folder: Path) -> None:
@@ -280,6 +291,7 @@ def test_a_controller_that_does_not_answer_ends_the_start_with_what_to_check(fol
     try:
         pairs = folder / "pairs" / "1"
         pairs.mkdir(parents=True)
+        write_own_calibration(folder)
         config = f"cell: real\ncameras: {{left: /dev/none0, right: /dev/none1}}\narm: {{port: {os.ttyname(theirs)}}}\n"
         got, told = bad_start(folder, config)
         assert got == 2
