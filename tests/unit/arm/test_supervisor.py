@@ -19,6 +19,7 @@ from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build
 from tests.fakes.in_time import lived
+from tests.fakes.waiting import until_so
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
@@ -279,13 +280,13 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said():
     async def story() -> None:
         supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
-        await eventually(lambda: supervisor.status()["pending"] is not None)
+        await until_so(lambda: supervisor.status()["pending"] is not None)
         supervisor.hold.pause()
         supervisor.hold.confirm()
-        await eventually(lambda: bool(heard))
+        await until_so(lambda: bool(heard))
         assert (world.wire, supervisor.status()["pending"]) == ([], None)
         supervisor.resume()
-        await eventually(lambda: bool(world.wire))
+        await until_so(lambda: bool(world.wire))
         await supervisor.abort()
         with pytest.raises(RefusedError):
             await task
@@ -353,7 +354,7 @@ def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard
         raise OthersTypeError("typed")
 
     supervisor.mover.cell.robot.at_rest = at_rest
-    assert not asyncio.run(supervisor.at_rest())
+    assert not lived(supervisor.at_rest())
     assert supervisor.fault == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
@@ -369,12 +370,12 @@ def test_others_are_a_fault_though_what_heard_of_them_was_being_stopped():
 
     async def story() -> None:
         job = asyncio.create_task(supervisor.run("where", where(), moves=False))
-        await eventually(lambda: supervisor.busy)
+        await until_so(lambda: supervisor.busy)
         await supervisor.abort()
         with pytest.raises(OthersTypeError):
             await job
 
-    asyncio.run(story())
+    lived(story())
     assert supervisor.fault == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
@@ -617,10 +618,11 @@ def test_an_enable_that_races_a_disable_ends_disabled():
 
     async def slow_abort() -> None:
         world.wire.append(("abort", None))
-        await asyncio.sleep(0.01)
+        for _ in range(20):
+            await asyncio.sleep(0)
 
     supervisor.mover.cell.robot.abort = slow_abort
-    asyncio.run(interrupted(world, supervisor, race))
+    lived(interrupted(world, supervisor, race))
     assert refused
     assert not supervisor.enabled
 
@@ -644,14 +646,6 @@ class Unheard(Heard):
 
 def no_log(*_, **__) -> None:
     raise OSError(28, "No space left on device")
-
-
-async def eventually(so) -> None:
-    for _ in range(10_000):
-        if so():
-            return
-        await asyncio.sleep(0.001)
-    raise AssertionError("it did not come to that")
 
 
 @pytest.fixture
@@ -693,7 +687,7 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
                 word()
         again = await supervisor.stop("by bob")
         assert again is not None
-        await eventually(lambda: not supervisor.stopping)
+        await until_so(lambda: not supervisor.stopping)
         assert "press the emergency stop" in str(supervisor.fault), "it stands until resume"
         supervisor.resume()
         assert await supervisor.stop("by cat") is None
@@ -768,15 +762,11 @@ def test_a_stop_is_a_stop_though_everybody_who_is_told_of_it_fails(act, fault, w
     supervisor = Supervisor(build(world), Limits(), Arrival(), Unheard().append)
     supervisor.enable()
 
-    async def story() -> None:
-        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
-        await eventually(lambda: len(world.wire) > 1)
+    async def unheard() -> None:
         world.record = no_log
         await act(supervisor)
-        with pytest.raises(RefusedError):
-            await task
 
-    asyncio.run(story())
+    assert isinstance(lived(interrupted(world, supervisor, unheard)), RefusedError)
     assert world.wire[-1][0] == "abort"
     assert supervisor.fault == fault
 
@@ -861,7 +851,7 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
         with pytest.raises(RefusedError, match="no hand_eye"):
             supervisor.may_move()
         task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
-        await eventually(lambda: world.wire)
+        await until_so(lambda: world.wire)
         await supervisor.disable()
         with pytest.raises(RefusedError):
             await task
@@ -876,7 +866,7 @@ def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
 
     async def story() -> None:
         task = asyncio.create_task(supervisor.by_hand("DO READY", lambda: endless(world), ask=True))
-        await eventually(lambda: supervisor.status()["pending"] == "DO READY")
+        await until_so(lambda: supervisor.status()["pending"] == "DO READY")
         supervisor.hold.step(False)  # moves no longer wait: this is none of them
         await asyncio.sleep(0.01)
         assert supervisor.status()["pending"] == "DO READY"
@@ -954,10 +944,10 @@ def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
 
     async def story() -> None:
         task = asyncio.create_task(supervisor.run("travel", endless(world)))
-        await eventually(lambda: supervisor.busy)
+        await until_so(lambda: supervisor.busy)
         assert not await supervisor.at_rest()
         stopping = asyncio.create_task(supervisor.stop())
-        await eventually(lambda: supervisor.stopping)
+        await until_so(lambda: supervisor.stopping)
         assert not await supervisor.at_rest()
         await stopping
         with pytest.raises(RefusedError):
@@ -1027,7 +1017,7 @@ def test_an_error_of_a_job_that_nobody_waits_for_any_more_is_nobodys_unhandled_e
         asker = asyncio.create_task(supervisor.run("look", broken(), moves=False))
         await asyncio.sleep(0)
         asker.cancel()
-        await eventually(lambda: not supervisor.busy)
+        await until_so(lambda: not supervisor.busy)
         asker = asyncio.create_task(supervisor.run("look", broken(), moves=False))
         await asyncio.sleep(0)
         await supervisor.abort()
@@ -1089,7 +1079,7 @@ def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed(
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.stop("by ann"))
-        await eventually(lambda: supervisor._stopping._task is not None)
+        await until_so(lambda: supervisor._stopping._task is not None)
         supervisor._stopping._task.cancel()
         assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
@@ -1127,7 +1117,7 @@ def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
     async def story() -> None:
         supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travel(target)))
-        await eventually(lambda: supervisor.status()["pending"] is not None)
+        await until_so(lambda: supervisor.status()["pending"] is not None)
         pending = supervisor.status()["pending"]
         assert pending.startswith(
             "there: joint move to x 450.3 y 0 z 53 mm at 50 %, from here x +30 y +0 z -7 mm and 0"
@@ -1397,7 +1387,7 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
 
     async def story() -> None:
         task = asyncio.create_task(supervisor.converse("monitor", terminal, moves=True))
-        await eventually(lambda: bool(world.wire))
+        await until_so(lambda: bool(world.wire))
         assert await getattr(supervisor, way)() is None
         with pytest.raises(OSError, match="aborted"):
             await task

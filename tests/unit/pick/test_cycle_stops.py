@@ -203,17 +203,16 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
     cycle = cycle_of(world)
 
     async def story():
+        world.before = lambda name: name == "moving" and cycle.supervisor.hold.pause()
         task = asyncio.create_task(cycle.pick())
-        await asyncio.sleep(0.02)
-        cycle.supervisor.hold.pause()
         await until_so(lambda: cycle.state == "paused")
-        sent = len(world.wire)
-        await asyncio.sleep(0.05)
-        assert len(world.wire) == sent
+        world.before, sent = lambda _: None, len(world.wire)
+        await asyncio.sleep(60.0)
+        assert len(world.wire) == sent > 0
         cycle.supervisor.resume()
         return await task
 
-    assert asyncio.run(story()).outcome == "picked"
+    assert lived(story()).outcome == "picked"
     assert [r["to"] for r in world.said("state")].count("paused") == 1
 
 
@@ -469,14 +468,7 @@ def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at()
 def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
     world = one_part()
     cycle = cycle_of(world)
-
-    async def story():
-        task = asyncio.create_task(cycle.pick())
-        await asyncio.sleep(0.01)
-        await cycle.supervisor.close()
-        return await task
-
-    assert asyncio.run(story()).outcome == "aborted"
+    assert lived(during(world, cycle, "moving", 2, cycle.supervisor.close)).outcome == "aborted"
     assert world.wire[-1][0] == "abort"
 
 

@@ -23,6 +23,8 @@ from daemon.vision.geometry import Polyhedron
 from daemon.vision.refine import Fit
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
+from tests.fakes.in_time import lived
+from tests.fakes.waiting import until_so
 
 NAMELESS = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing taught")
 
@@ -32,7 +34,7 @@ def nameless() -> tuple[World, PickCycle]:
     world = one_part()
     world.labels["cube"] = NAMELESS
     cycle = cycle_of(world)
-    asyncio.run(cycle.go("survey"))
+    lived(cycle.go("survey"))
     world.wire.clear()
     return world, cycle
 
@@ -43,7 +45,7 @@ def moves(world: World) -> int:
 
 def test_what_has_no_name_is_looked_at_from_so_many_places_and_each_look_tells_what_it_brought() -> None:
     world, cycle = nameless()
-    known = asyncio.run(cycle.look_around(2))
+    known = lived(cycle.look_around(2))
     assert (len(known.looks), len(known.gained)) == (3, 2)
     told = world.said("gained")
     assert [record["look"] for record in told] == [2, 3]
@@ -56,8 +58,8 @@ def test_what_has_no_name_is_looked_at_from_so_many_places_and_each_look_tells_w
 def test_where_all_has_a_name_two_looks_from_other_sides_are_enough() -> None:
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(cycle.go("survey"))
-    known = asyncio.run(cycle.look_around(5))
+    lived(cycle.go("survey"))
+    known = lived(cycle.look_around(5))
     assert [part.label for part in known.found] == ["cube"]
     assert len(known.looks) == 3
     told = world.said("gained")[0]
@@ -110,25 +112,25 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     cell = SimpleNamespace(compute=compute, rig=None)
     context: Any = SimpleNamespace(cell=cell, recogniser=None, settings=settings)
     gain: Any = SimpleNamespace(bits=0.9, seconds=4.0)
-    asyncio.run(find._tell_gain(context, world, lies("", 100.0), [], gain))
+    lived(find._tell_gain(context, world, lies("", 100.0), [], gain))
     about = "what lies at 100, 200 mm"
     assert gained == [Gained(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
 
 
 def test_an_empty_table_is_looked_at_from_two_sides_more() -> None:
     world = World(np.random.default_rng(0))
-    known = asyncio.run(cycle_of(world).look_around(5))
+    known = lived(cycle_of(world).look_around(5))
     assert (known.found, len(known.looks)) == ([], 3)
 
 
 def test_a_place_the_arm_is_refused_is_left_for_the_next() -> None:
     world, cycle = nameless()
     world.reach_mm = 640.0
-    known = asyncio.run(cycle.look_around(1))
+    known = lived(cycle.look_around(1))
     assert len(known.looks) == 2
     assert np.linalg.norm(world.at[:3, 3]) <= 640.0 + 1.0
     world.reach_mm = 100.0
-    assert len(asyncio.run(cycle.look_around(1)).looks) == 1, "none is in reach: that is no fault"
+    assert len(lived(cycle.look_around(1)).looks) == 1, "none is in reach: that is no fault"
     assert cycle.status()["fault"] is None
 
 
@@ -136,7 +138,7 @@ def test_it_may_not_start_where_a_pick_may_not() -> None:
     world, cycle = nameless()
     cycle.supervisor.latch("something")
     with pytest.raises(RefusedError):
-        asyncio.run(cycle.look_around(1))
+        lived(cycle.look_around(1))
     assert moves(world) == 0
 
 
@@ -148,12 +150,12 @@ def test_with_a_part_in_the_hand_nothing_is_gone_round(held: bool | None, told: 
     world, cycle = nameless()
     cycle.beliefs.learn(BeliefSource.COMMANDED, holding=held)
     with pytest.raises(RefusedError, match=told):
-        asyncio.run(cycle.look_around(1))
+        lived(cycle.look_around(1))
     with pytest.raises(RefusedError, match=told):
-        asyncio.run(cycle.walk_round(cycle.recogniser, 8, _told))
+        lived(cycle.walk_round(cycle.recogniser, 8, _told))
     assert moves(world) == 0
     cycle.holding(False)
-    assert len(asyncio.run(cycle.look_around(1)).looks) == 2
+    assert len(lived(cycle.look_around(1)).looks) == 2
 
 
 async def _told(_line: str) -> None:
@@ -173,7 +175,7 @@ def test_a_walk_round_sets_out_as_a_look_does_and_gives_what_it_saw(monkeypatch:
 
     monkeypatch.setattr(cycle, "_set_out_to_look", sets_out)
     monkeypatch.setattr("daemon.pick.cycle.walk_round", walks)
-    assert asyncio.run(cycle.walk_round(cycle.recogniser, 8, _told)) == ("a thing", ["a look"])
+    assert lived(cycle.walk_round(cycle.recogniser, 8, _told)) == ("a thing", ["a look"])
     assert done == ["set out", "walked 8"]
 
 
@@ -182,23 +184,23 @@ def test_without_a_model_nothing_is_looked_for_and_the_arm_does_not_set_out() ->
     cycle.use(None)
     for act in (cycle.look, cycle.held_here, lambda: cycle.locate("cube")):
         with pytest.raises(RefusedError, match="there is no model"):
-            asyncio.run(act())
+            lived(act())
     assert moves(world) == 0
 
 
 def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(cycle.go("survey"))
+    lived(cycle.go("survey"))
     monkeypatch.setattr(following, "_in_its_place", _shows_at)
-    pose = asyncio.run(cycle.locate("cube"))
+    pose = lived(cycle.locate("cube"))
     looks = world.said("look")[1:]
     assert len(looks) == MOST_LOOKS
     rays = [np.array(look["world_from_cyclopean"])[:3, 3] - pose[:3, 3] for look in looks]
     rays = [ray / np.linalg.norm(ray) for ray in rays]
     assert max(float(a @ b) for k, a in enumerate(rays) for b in rays[:k]) < np.cos(np.radians(30.0))
     with pytest.raises(RefusedError, match="0 parts show as pyramid"):
-        asyncio.run(cycle.locate("pyramid"))
+        lived(cycle.locate("pyramid"))
 
 
 def _shows_at(_shape: Polyhedron, pose: Array, taken: Taken) -> Fit:
@@ -209,7 +211,7 @@ def _shows_at(_shape: Polyhedron, pose: Array, taken: Taken) -> Fit:
 def test_dry_it_looks_once_and_nothing_moves() -> None:
     world, cycle = nameless()
     cycle.supervisor.dry(True)
-    known = asyncio.run(cycle.look_around(3))
+    known = lived(cycle.look_around(3))
     assert (len(known.looks), moves(world)) == (1, 0)
 
 
@@ -227,7 +229,7 @@ def test_a_stop_on_the_way_stops_the_arm_and_nothing_moves_after_it() -> None:
         await asyncio.gather(*stops)
 
     world.before = stop
-    asyncio.run(around())
+    lived(around())
     names = [name for name, _ in world.wire]
     assert "move" not in names[names.index("abort") :]
     assert cycle.status()["fault"] is not None
@@ -244,16 +246,13 @@ def test_a_pause_holds_it_before_its_next_move_until_resume() -> None:
     async def around() -> WorldModel:
         cycle.supervisor.hold.pause()
         work = asyncio.ensure_future(cycle.look_around(1))
-        for _ in range(2000):
-            await asyncio.sleep(0.001)
-            if world.said("look"):
-                break
-        await asyncio.sleep(0.05)
+        await until_so(lambda: world.said("look"))
+        await asyncio.sleep(60.0)
         assert moves(world) == 0
         cycle.supervisor.resume()
         return await work
 
-    assert len(asyncio.run(around()).looks) == 2
+    assert len(lived(around()).looks) == 2
     assert moves(world) > 0
 
 
@@ -268,5 +267,5 @@ def test_step_by_step_a_move_that_is_refused_ends_it_and_is_not_sent() -> None:
         with pytest.raises(OperatorRefusedError):
             await work
 
-    asyncio.run(around())
+    lived(around())
     assert moves(world) == 0

@@ -17,6 +17,7 @@ from daemon.console.context import Troubles
 from daemon.pick.settings import Settings
 from daemon.service import Service
 from daemon.store.place_file import CellPlaces
+from tests.fakes.in_time import lived
 
 LOOK: Any = SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None))
 
@@ -38,7 +39,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         standing: dict[str, str] = context.troubles.active
         return standing
 
-    return asyncio.run(story()), failed
+    return lived(story()), failed
 
 
 @pytest.mark.parametrize(
