@@ -167,7 +167,7 @@ def test_a_mishap_in_a_move_ends_in_a_fault_with_the_arm_at_rest(model, mishap):
             end = await here.cycle.pick()
             sent = len(here.log.said("move"))
             before = here.cell.world_from_tool()
-            await asyncio.sleep(0.3)
+            await asyncio.sleep(0.3)  # an arm that went on would be elsewhere by then
             moved = np.abs(here.cell.world_from_tool() - before).max()
             with pytest.raises(RefusedError, match="resume"):
                 await here.cycle.pick()
@@ -229,7 +229,7 @@ def test_stop_in_mid_move_brings_the_arm_to_rest_where_it_is(model):
             await here.cycle.supervisor.stop()
             results = await asyncio.gather(task, return_exceptions=True)
             at = here.cell.world_from_tool()
-            await asyncio.sleep(0.3)
+            await asyncio.sleep(0.3)  # an arm that went on would be elsewhere by then
             rest = np.abs(here.cell.world_from_tool() - at).max()
             home = here.cycle.positions()["home"]
             return results[0], rest, np.linalg.norm(at[:3, 3] - home[:3, 3]), here.cycle.status()

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.frontends.client import DaemonLink
+from tests.fakes.waiting import PATIENCE_S
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
@@ -78,7 +79,7 @@ class Daemon:
     def stderr(self) -> str:
         return (self.folder / "stderr").read_text()
 
-    def ends(self, seconds: float = 20.0) -> int:
+    def ends(self, seconds: float = PATIENCE_S) -> int:
         return self.process.wait(seconds)
 
     def close(self) -> None:

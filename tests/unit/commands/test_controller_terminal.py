@@ -22,6 +22,7 @@ from daemon.arm.body import PERHAPS_HELD
 from daemon.cell.no_arm import CellError
 from daemon.cell.val2_arm import Val2Arm
 from daemon.commands.controller_terminal import LEFT, SPOIL, Typist, monitor, shown
+from daemon.commands.step_mode import READ_S
 from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -33,6 +34,7 @@ from tests.fakes.fake_cell import TruthRecogniser, World, build
 from tests.fakes.fake_context import FakeFrontend, FakeLog
 from tests.fakes.person import Person
 from tests.fakes.running import Running, judged_daemon
+from tests.fakes.waiting import until, until_so
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
@@ -193,7 +195,7 @@ def test_a_stop_typed_at_the_controllers_terminal_is_ours(line: bytes) -> None:
 
     async def story() -> bytes:
         sent, _ = typed(context, line + b"\r")
-        await asyncio.sleep(0.01)
+        await until_so(lambda: context.cycle.supervisor.fault and wire)
         return sent
 
     assert b"\r" not in asyncio.run(story())
@@ -211,7 +213,7 @@ def test_a_stop_typed_at_the_question_whether_a_line_may_be_sent_stops_the_arm(l
     async def story() -> bytes:
         sent, frontend = typed(context, b"DO OPENI\r" + line + b"\r", apart_s=apart_s)
         assert "not sent" in frontend.said[-1]
-        await asyncio.sleep(0.01)
+        await until_so(lambda: context.cycle.supervisor.fault and wire)
         return sent
 
     assert b"\r" not in asyncio.run(story()).replace(SPOIL, b"")
@@ -363,9 +365,9 @@ def test_control_c_at_the_controllers_terminal_stops_the_arm_and_a_fault_stands(
     person.types("SPEED 1\r")
     person.types("DO READY\r")
     person.sees("Send it? [y/n]")
-    time.sleep(0.5)
+    time.sleep(READ_S)  # an answer that comes sooner is none
     person.types("y")
-    time.sleep(0.3)
+    until(lambda: (state := daemon.do("status")["data"])["doing"] and not state["pending"])
     person.types("\x03")
     person.sees("Stopped. Nothing moves until `resume`.")
     before = daemon.do("where")["data"]["joints_deg"]
@@ -392,14 +394,12 @@ def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_li
     person = Person(daemon.folder, "robot", "monitor", "DO", "READY")
     person.sees("DO READY. Send it? [y/n]")
     person.types("y\r")
-    while (state := daemon.do("status")["data"])["doing"] != "DO READY" or state["pending"]:
-        time.sleep(0.02)
+    until(lambda: (state := daemon.do("status")["data"])["doing"] == "DO READY" and not state["pending"])
     stopped = daemon.do("stop")
     assert "Stopped" in stopped["text"]
     assert person.leaves() == 1
     before = daemon.do("where")["data"]["joints_deg"]
-    time.sleep(0.3)
-    assert daemon.do("where")["data"]["joints_deg"] == before
+    assert all(daemon.do("where")["data"]["joints_deg"] == before for _ in range(10))
     assert daemon.do("robot cal")["status"] == 1, "a fault stands"
     daemon.do("resume")
     done = daemon.do("robot cal")

@@ -10,6 +10,7 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ import pytest
 from daemon.dashboard import server
 from daemon.dashboard.follow import RunFollower
 from daemon.dashboard.state import DashboardState
+from tests.fakes.in_time import lived
 from tests.fakes.made_run import MadeRun, part
 from tests.fakes.status_daemon import StatusDaemon
-from tests.fakes.waiting import until
+from tests.fakes.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.slow
 uvicorn = pytest.importorskip("uvicorn", reason="the extra `dashboard` is not installed")
@@ -33,19 +35,13 @@ def port(tmp_path: Path) -> Iterator[int]:
     """A page served in a thread, following tmp_path/sock."""
     from daemon.dashboard.server import LOOPBACK, app
 
-    with socket.socket() as free:
-        free.bind((LOOPBACK, 0))
-        number = int(free.getsockname()[1])
-    config = uvicorn.Config(
-        app(tmp_path / "sock"), LOOPBACK, number, log_level="error", timeout_graceful_shutdown=1, lifespan="on"
-    )
+    config = uvicorn.Config(app(tmp_path / "sock"), log_level="error", timeout_graceful_shutdown=1, lifespan="on")
     server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    until(lambda: server.started)
-    yield number
-    server.should_exit = True
-    thread.join(5)
+    with socket.create_server((LOOPBACK, 0)) as listening, ThreadPoolExecutor(1) as pool:
+        pool.submit(server.run, [listening])
+        until(lambda: server.started)
+        yield int(listening.getsockname()[1])
+        server.should_exit = True
 
 
 @pytest.fixture
@@ -54,10 +50,10 @@ def do() -> Iterator[Callable[[Any], None]]:
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever)
     thread.start()
-    yield lambda work: asyncio.run_coroutine_threadsafe(work, loop).result(5)
-    asyncio.run_coroutine_threadsafe(_end_others(), loop).result(5)
+    yield lambda work: asyncio.run_coroutine_threadsafe(work, loop).result(PATIENCE_S)
+    asyncio.run_coroutine_threadsafe(_end_others(), loop).result(PATIENCE_S)
     loop.call_soon_threadsafe(loop.stop)
-    thread.join(5)
+    thread.join()
     loop.close()
 
 
@@ -205,9 +201,8 @@ def test_it_answers_this_machine_alone_and_takes_nothing(port: int) -> None:
 
 
 def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(server, "SEND_S", 0.01)
     now = DashboardState()
     now.pictures = {7: {"left": "left.png"}}
     run = RunFollower(now)
@@ -215,9 +210,9 @@ def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
 
     async def story() -> tuple[bytes | None, bytes | None]:
         asking = asyncio.create_task(server.picture_once_written(run, 7, "left"))
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(server.PICTURE_S - 1.0)
         assert not asking.done()
         (tmp_path / "left.png").write_bytes(b"a picture")
         return await asking, await server.picture_once_written(run, 7, "right")
 
-    assert asyncio.run(story()) == (b"a picture", None), "what nobody told of is not waited for"
+    assert lived(story()) == (b"a picture", None), "what nobody told of is not waited for"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import stat
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 
 from daemon.store.files import InUseError, LineFile, OpenFile, Syncer, being_written, hold, plain, write_atomically
 from daemon.store.recovery_state import RecoveryFile
+from tests.fakes.waiting import PATIENCE_S, until
 
 
 def full(*_: object) -> int:
@@ -180,10 +180,8 @@ class Watched(OpenFile):
 
 
 def settled(syncer: Syncer, file: Any, count: int) -> bool:
-    deadline = time.monotonic() + 5
-    while file.synced < count and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return bool(file.synced == count) and syncer.settled(5)
+    until(lambda: file.synced >= count)
+    return bool(file.synced == count) and syncer.settled(PATIENCE_S)
 
 
 def test_what_is_urgent_is_synced_now_and_the_rest_at_the_end() -> None:

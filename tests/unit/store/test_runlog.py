@@ -142,16 +142,21 @@ def test_a_log_cut_at_any_byte_of_its_last_record_is_read_and_the_torn_line_name
         assert all("torn last line" in text for text in run.skipped)
 
 
+MANY = 10_000
+
+
 class Disk:
     """os.write as seen by a full or a hanging disk, for the log's files only."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.full, self.delay_s, self.half = False, 0.0, False
+        self.full, self.half = False, False
+        self.writes = threading.Semaphore(MANY)
+        """So many are let through; then the disk hangs."""
         self._write = os.write
         monkeypatch.setattr("daemon.store.files.os.write", self.write)
 
     def write(self, handle: int, content: bytes) -> int:
-        time.sleep(self.delay_s)
+        self.writes.acquire()
         if self.full and self.half:
             return self._write(handle, content[: len(content) // 2])
         if self.full:
@@ -212,12 +217,10 @@ def test_pictures_that_pile_up_are_let_go_and_counted(tmp_path: Path, monkeypatc
 def test_a_hanging_disk_does_not_hold_up_the_one_who_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Disk(monkeypatch)
     log = RunLog(tmp_path / "run", patience_s=0.01)
-    disk.delay_s = 0.2
-    began = time.monotonic()
+    disk.writes = threading.Semaphore(0)
     for n in range(5):
         log.record("move", n=n)
-    assert time.monotonic() - began < 0.15, "five records may wait five times 10 ms, not 1 s for the disk"
-    disk.delay_s = 0.0
+    disk.writes.release(MANY)
     log.close()
     assert [r["n"] for r in read_run(log.folder).records[:5]] == [0, 1, 2, 3, 4]
 
@@ -262,13 +265,13 @@ def test_a_stalled_disk_is_waited_for_once_and_one_that_is_full_not_at_all(
     disk = Disk(monkeypatch)
     monkeypatch.setattr(threading, "Event", Counted)
     log = RunLog(tmp_path / "run", patience_s=patience_s)
-    disk.delay_s = 0.05
+    disk.writes = threading.Semaphore(0)
     for n in range(20):
         log.record("move", n=n)
-    until(lambda: log._lines.waiting <= 17)
+    until(lambda: disk.writes.release() or log._lines.waiting <= 17)
     log.record("move", n=20)
     assert len(waits) == 1, "no more until it has caught up"
-    disk.delay_s = 0.0
+    disk.writes.release(MANY)
     until(lambda: not log._behind)
     log.record("move", n=21)
     assert len(waits) == 2
@@ -462,10 +465,7 @@ def test_what_is_kept_and_what_is_seen_hold_nobody_up_until_they_are_on_the_disk
     log.keep(tmp_path / "model.npz")
     log.record("look", images={"left": image()})
     log.wire({"seq": 0, "bytes": "WHERE"})
-    deadline = time.monotonic() + 30.0
-    while len(taken) < 2 or not list((log.folder / "images").iterdir()):
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    until(lambda: len(taken) == 2 and list((log.folder / "images").iterdir()))
     assert {path.name for path in taken} == {"run.jsonl", "wire.jsonl"}
     assert [name for name in synced if "/kept/" in name or "/images/" in name] == []
 

@@ -9,6 +9,7 @@ import os
 import termios
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text
 from tests.fakes.arm_line import QUICK, MakesLine
 from tests.fakes.in_time import lived
+from tests.fakes.waiting import until_so
 
 
 def named(folder: Path, port: str) -> Path:
@@ -48,8 +50,7 @@ def test_an_adapter_that_comes_back_as_another_device_is_found_by_its_name(arm_l
         before.server.stop()
         with pytest.raises(PortError):
             await link.where()
-        await asyncio.sleep(0.05)
-        assert not link.connected
+        await until_so(lambda: not link.connected)
         await link.open()
         with after.server.controller() as controller:
             controller.lines.clear()
@@ -266,6 +267,11 @@ XOFF = b"\x13"
 """What one spoiled bit makes of a 3, and of an S."""
 
 
+async def held_by_noise(cell: Any) -> None:
+    os.write(cell.server._master, XOFF)
+    await asyncio.sleep(0.05)  # the kernel does not say when it has taken it
+
+
 def test_a_stop_goes_out_on_a_line_that_noise_holds_and_so_does_what_is_typed_on_one_that_was_opened_anew(
     arm_line: MakesLine,
 ) -> None:
@@ -279,15 +285,13 @@ def test_a_stop_goes_out_on_a_line_that_noise_holds_and_so_does_what_is_typed_on
             await link.move(far)
             with cell.server.controller() as controller:
                 assert not controller.machine.at_rest()
-            os.write(cell.server._master, XOFF)
-            await asyncio.sleep(0.05)
+            await held_by_noise(cell)
             with pytest.raises(LinkError, match="the line takes no more bytes"):
                 link._open_session.send(b".", b"")
             assert await link.abort() is not None
             with cell.server.controller() as controller:
                 assert controller.machine.at_rest()
-            os.write(cell.server._master, XOFF)
-            await asyncio.sleep(0.05)
+            await held_by_noise(cell)
             await link.close()
             await link.open()
             await link.where()
