@@ -133,7 +133,7 @@ def _by_facets(
 ) -> _ByFacets:
     """What facets name with some effort. Those with arcs are looked for where nothing is taught, to be taught: what is
     taught with arcs is named by its edges, with or without them."""
-    seen = facets_seen(images, effort, [] if known.labels else round_facets(images))
+    seen = facets_seen(images, effort, [] if known.labels else round_facets(images, effort))
     start = now()
     view = seen if table is None else without_table(seen, table)
     holes = partial(hole_nats, images=images, tolerance_mm=known.parameters.tolerance_mm)

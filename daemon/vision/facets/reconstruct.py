@@ -35,7 +35,7 @@ def find_facets(
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
     images, chosen = open_stereo(left, right, rig), settings or VisionSettings()
-    return with_lone_outlines(facets_seen(images, chosen, round_facets(images)), images, chosen)
+    return with_lone_outlines(facets_seen(images, chosen, round_facets(images, chosen)), images, chosen)
 
 
 def facets_seen(images: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:

@@ -16,10 +16,10 @@ from daemon.vision.image.edge_lines import (
     slopes_across,
     stretch_slopes,
 )
-from daemon.vision.image.ellipses import STEP_PX, Ellipse, rim_slopes
+from daemon.vision.image.ellipses import STEP_PX, Ellipse, rim_slopes, sweep_of
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
 from daemon.vision.image.outlines import MODEL_PX, Fitted, Outline, met_covariance
-from daemon.vision.image.regions import SMOOTHING_PX, Scale
+from daemon.vision.image.regions import SMOOTHING_PX, RoughPolygon, Scale
 from daemon.vision.image.segments import (
     SegmentCorners,
     Segments,

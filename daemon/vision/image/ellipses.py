@@ -126,7 +126,7 @@ def _on_one(run: _RoundRun, found: Sequence[Ellipse]) -> Iterator[Ellipse]:
 def _rough(run: Array) -> Ellipse | None:
     """The ellipse on which pixels (N, 2) lie; None where they do not, or not far enough round it."""
     rough = _fitted(run)
-    if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < ROUGH_SWEEP:
+    if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or sweep_of(rough, run) < ROUGH_SWEEP:
         return None
     return rough
 
@@ -238,7 +238,7 @@ def _between_pixels(rough: Ellipse, smooth: Fine, grain: float) -> Ellipse | Non
     places = ellipse.places
     if len(places) < max(LEAST_SHARE * count, FEWEST_PX // 2) or _rms(ellipse.off_px(places)[0]) > FINE_PX:
         return None
-    return ellipse if _sweep(ellipse, places) > LEAST_SWEEP else None
+    return ellipse if sweep_of(ellipse, places) > LEAST_SWEEP else None
 
 
 def _without_tangents(ellipse: Ellipse) -> Ellipse:
@@ -272,7 +272,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _sweep(ellipse: Ellipse, px: Array) -> float:
+def sweep_of(ellipse: Ellipse, px: Array) -> float:
     """How far round an ellipse points (N, 2) lie, without the widest gap between them."""
     angle = np.sort(ellipse.off_px(px)[1])
     return float(2 * np.pi - np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())

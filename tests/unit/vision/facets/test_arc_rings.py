@@ -17,6 +17,7 @@ from daemon.vision.geometry import Hole, Polyhedron, circle_along, exact, newell
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view, symmetries, types_of
 from daemon.vision.recognition import recognise
+from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.fakes.drawn import block, obj, prism
 from tests.fakes.machined import drawing, drawing_from_taught, taught_from
@@ -25,15 +26,24 @@ from tests.fakes.rigs import rig
 from tests.fakes.solids import KNOWN, pose
 
 RADIUS, LONG, HIGH = 16.0, 24.0, 20.0
+QUARTERS = [np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), k) for k in range(4)]
 TOWARDS = pose(np.array([-0.45, -0.5, 0.75]), 0.9, 300.0)
 
 
 def ring(kind: str) -> list[tuple[float, float]]:
-    """The outline of a face, mm, anticlockwise: a disc, a D, a half disc with a block behind it, a stadium."""
-    sweep = {"disc": 2 * np.pi, "knob": 1.7 * np.pi}.get(kind, np.pi)
+    """The outline of a face, mm, anticlockwise: a disc, a D, a half disc with a block behind it, a stadium, a block of
+    which one edge, and one of which all four, are rounded."""
+    sweep = {"disc": 2 * np.pi, "knob": 1.7 * np.pi, "corner": np.pi / 2, "square": np.pi / 2}.get(kind, np.pi)
     turns = np.linspace(0, sweep, 49)[: 48 if kind == "disc" else 49]
     around = RADIUS * np.column_stack([np.cos(turns), np.sin(turns)])
-    rest = {"half": [[-RADIUS, -LONG], [RADIUS, -LONG]], "stadium": [*(-around - [0.0, LONG])]}.get(kind, [])
+    corners = [around @ turned + LONG / 2 * (np.array([1.0, 1.0]) @ turned) for turned in QUARTERS]
+    if kind == "square":
+        return [(float(x), float(y)) for x, y in np.concatenate(corners)]
+    rest = {
+        "half": [[-RADIUS, -LONG], [RADIUS, -LONG]],
+        "stadium": [*(-around - [0.0, LONG])],
+        "corner": [[-LONG, RADIUS], [-LONG, -LONG], [RADIUS, -LONG]],
+    }.get(kind, [])
     return [(float(x), float(y)) for x, y in [*around, *rest]]
 
 
@@ -72,6 +82,7 @@ def with_arcs(kind: str) -> tuple[Facet, ...]:
 
 @pytest.mark.parametrize(("kind", "sides", "arcs", "name"), [
     ("disc", 12, 1, "arc360"), ("knob", 11, 1, "arc300"), ("half", 9, 1, "arc180"), ("stadium", 14, 2, "arc180"),
+    ("corner", 7, 1, "arc90"), ("square", 16, 4, "arc90"),
 ])  # fmt: skip
 def test_arcs_are_elements_of_a_facet_seen(kind: str, sides: int, arcs: int, name: str) -> None:
     (seen,) = with_arcs(kind)
@@ -79,7 +90,7 @@ def test_arcs_are_elements_of_a_facet_seen(kind: str, sides: int, arcs: int, nam
     assert name in types_of([seen], load_facets())[0]
     for points in seen.arcs:
         _, radius, off = circle_along(points, newell_normal(seen.corners_mm))
-        assert radius == pytest.approx(RADIUS, rel=0.02)
+        assert radius == pytest.approx(RADIUS, rel=0.02 if arcs < 4 else 0.04)  # short arcs
         assert off < 0.01
     face = true_face(kind)
     assert np.abs((seen.corners_mm - face.mean(0)) @ newell_normal(face)).max() < 1.0
@@ -126,11 +137,11 @@ def test_a_bore_is_no_facet_of_its_own() -> None:
     rim = plain.centres_mm[face] + 7.0 * (np.cos(turns) * x + np.sin(turns) * y)
     bored = replace(plain, holes=(Hole(face, rim),))
     left, right = paint_pair([(bored, TOWARDS)], np.random.default_rng(2), rig())
-    assert round_facets(open_stereo(left, right, rig()))
+    assert round_facets(open_stereo(left, right, rig()), VisionSettings())
     assert not any(f.arcs for group in find_facets(left, right, rig()).groups for f in group.facets)
 
 
 def test_polyhedra_have_no_arcs() -> None:
     for body in (*KNOWN.values(), block(50.0, 40.0, 30.0)):
         images = open_stereo(*paint_pair([(body, TOWARDS)], np.random.default_rng(5), rig()), rig())
-        assert round_facets(images) == []
+        assert round_facets(images, VisionSettings()) == []

@@ -1,0 +1,344 @@
+"""Rings of straight sides and arcs that bound facets, fitted whole to both images.
+
+In: closed regions of a stereo pair. Out: rings in their planes. An arc of 90 degrees is too short for an ellipse of its
+own; as an element of a ring, between two sides that it touches, it has one free number. A plane makes the right image
+of a region out of the left one by a shear and a stretch along the rows, which their second moments give. Then plane,
+sides and radii are fitted to the edges of both images at once. Arcs that bend inwards are not looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from daemon.arrays import Array, Flags, Real
+from daemon.vision.facets.circles import FARTHEST_MM, NEAREST_MM
+from daemon.vision.geometry import Baseline, RectifiedCamera, axes_in, fit_circle, fit_plane, robust_weight
+from daemon.vision.image import RoughPolygon, StereoImages, levels_across, peak_places, peaks, slopes_across
+
+ROW_PX, STRETCH = 5.0, 2.0
+"""How far apart the first, and the last, rows of one region may be in both images; and how much wider it is in one."""
+SAMPLE_PX, STRAIGHT_PX, SHORTEST_PX = 1.5, 0.5, 16.0
+"""How far apart places on a border are; the rms by which those of a side lie off its line; and its least length."""
+ON_ARC_PX, ON_ARC = 34.0, np.radians(125.0)
+"""What is shorter, and turns less from the side before it to the one behind, may be a chord of an arc."""
+GAP_PX = 7.0
+"""How far from where their lines meet two sides end between which there is an arc."""
+MOST_SIDES, LEAST_TURN, LEAST_RADIUS_MM = 10, np.radians(12.0), 2.5
+"""Of a ring; by how much it turns at a corner; and the radius of one of its arcs, at least."""
+SAME_MM, SHORTER = 2.0, 0.97
+"""Regions whose middles are so near are one; and how much shorter a stretch is tried next for a side."""
+HALF_ROUND, ROUND = np.radians(140.0), np.radians(50.0)
+"""An arc behind which the next side is turned by more has a centre of its own; such an arc sweeps more than a corner
+turns at least, by so much."""
+ON_SIDE, ON_ARCS = 14, 24
+"""Places that are measured on a side and on an arc."""
+REACHES_PX, EDGE_SIGMAS, NEAR_PX, EDGE_PX = (8, 6, 5, 4, 3, 3), 5.0, 3.0, 0.3
+"""How far off an element its edge is looked for, round after round; its least slope; by how much the nearer of two is
+preferred; and how far off an edge is, usually."""
+ON_PX, LEAST_SHOWN, LEAST_ELEMENT = 0.8, 0.9, 0.5
+"""An edge on its element is no farther off; the share of places, and of those of each element, in either image, that
+have one."""
+LEAST_AT_FIRST, PER_SIDE = 0.5, 0.03
+"""Share of places that have an edge near enough in each round; and of them what a further side must bring."""
+TILT, MOVE_MM, STEP = 1e-3, 0.02, 1e-3
+"""By how much planes and sides are tilted, and what has a place moved, to see how edges move; and STEP, mm, along them
+to see which way they run."""
+_ROWS_PX = np.array([-1.5, 0.0, 1.5])
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRing:
+    """In a plane, origin (3,) mm and axes (2, 3), cyclopean, its normal towards the cameras: straight sides (N,)
+    anticlockwise, by their direction, rad, and how far out of the origin they lie, mm; radius_mm (N,) of the arc behind
+    each, 0 where it meets the next in a corner. An arc that touches both sides has no other number; centre_mm (N, 2) of
+    those that need not, nan of the others; at (N, 2) -1 or 1: at the first or the second of the points that its circle
+    has on the side before it, and on the one behind, it begins and ends."""
+
+    origin: Array
+    axes: Array
+    direction: Array
+    out_mm: Array
+    radius_mm: Array
+    centre_mm: Array
+    at: Array
+
+    def moved(self, step: Real) -> FittedRing:
+        """Its plane moved along its normal, mm, and tilted; its sides turned and moved; its arcs' radii changed, and
+        the centres of those that have one moved: (unknowns,)."""
+        count, normal, arcs, free = len(self.direction), np.cross(*self.axes), self.radius_mm > 0, self.free
+        axes = self.axes + step[1:3, None] * normal
+        axes[0] /= np.linalg.norm(axes[0])
+        axes[1] -= (axes[1] @ axes[0]) * axes[0]
+        axes[1] /= np.linalg.norm(axes[1])
+        turn, out = step[3 : 3 + 2 * count].reshape(2, count)
+        radii, centres = np.split(step[3 + 2 * count :], [int(np.count_nonzero(arcs))])
+        radius, centre = self.radius_mm.copy(), self.centre_mm.copy()
+        radius[arcs] = np.maximum(radius[arcs] + radii, LEAST_RADIUS_MM / 2)
+        centre[free] += centres.reshape(-1, 2)
+        return FittedRing(
+            self.origin + step[0] * normal, axes, self.direction + turn, self.out_mm + out, radius, centre, self.at
+        )
+
+    @property
+    def free(self) -> Flags:
+        """(N,) which arcs have a centre of their own."""
+        return np.isfinite(self.centre_mm[:, 0])
+
+    @property
+    def unknowns(self) -> int:
+        """How many numbers move it."""
+        arcs, free = np.count_nonzero(self.radius_mm), np.count_nonzero(self.free)
+        return int(3 + 2 * len(self.direction) + arcs + 2 * free)
+
+    @property
+    def ways(self) -> Array:
+        """(N, 2) unit, along its sides."""
+        return np.stack([np.cos(self.direction), np.sin(self.direction)], 1)
+
+    @property
+    def turns(self) -> Array:
+        """(N,) by how much the next side is turned from each, rad."""
+        return np.asarray((np.roll(self.direction, -1) - self.direction + np.pi) % (2 * np.pi) - np.pi)
+
+    @property
+    def corners(self) -> Array:
+        """(N, 2) mm where the line of each side meets that of the next."""
+        way, out, sine = self.ways, self.out_mm[:, None], np.sin(self.turns)[:, None]
+        sine = np.where(np.abs(sine) < 1e-6, 1e-6, sine)
+        return np.asarray((np.roll(out, -1, axis=0) * way - out * np.roll(way, -1, axis=0)) / sine)
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """(N, 2) mm each, where its sides begin and end."""
+        way, after = self.ways, np.roll(self.ways, -1, axis=0)
+        tangent = (self.radius_mm * np.tan(np.abs(self.turns) / 2))[:, None]
+        found = []
+        for own, out, touch, at in (
+            (after, np.roll(self.out_mm, -1), self.corners + tangent * after, self.at[:, 1]),
+            (way, self.out_mm, self.corners - tangent * way, self.at[:, 0]),
+        ):
+            normal = np.stack([own[:, 1], -own[:, 0]], 1)
+            off = out - (normal * self.centre_mm).sum(1)
+            half = np.sqrt(np.maximum(self.radius_mm**2 - off**2, 0.0))
+            on_circle = self.centre_mm + off[:, None] * normal + (at * half)[:, None] * own
+            found.append(np.where(self.free[:, None], on_circle, touch))
+        return np.roll(found[0], 1, axis=0), found[1]
+
+    @property
+    def arcs(self) -> tuple[Array, Array, Array]:
+        """Of its arcs, R of them: centre (R, 2), and begin and sweep (R,), rad, anticlockwise."""
+        begin, end = self.ends
+        begin, arcs = np.roll(begin, -1, axis=0), self.radius_mm > 0
+        inward = np.stack([-self.ways[:, 1], self.ways[:, 0]], 1)
+        centre = np.where(self.free[:, None], self.centre_mm, end + self.radius_mm[:, None] * inward)[arcs]
+        first, last = (np.arctan2(*(own[arcs] - centre).T[::-1]) for own in (end, begin))
+        return centre, first, (last - first) % (2 * np.pi)
+
+    def is_sound(self) -> bool:
+        """Whether it turns behind each side, and something is left of it between its arcs."""
+        begin, end = self.ends
+        turned = np.where(self.free, np.inf, np.abs(self.turns))
+        turned[self.free] = self.arcs[2][self.free[self.radius_mm > 0]] - ROUND
+        return bool((((end - begin) * self.ways).sum(1) > 0).all() and (turned > LEAST_TURN).all())
+
+    def places(self) -> tuple[Array, Array]:
+        """(P, 3) mm, cyclopean, all along it; and (P, 3) a little farther on each. Those of the sides come first."""
+        begin, end = self.ends
+        share = (np.arange(ON_SIDE) + 0.5)[:, None] / ON_SIDE
+        sides = (begin[:, None] + share * (end - begin)[:, None]).reshape(-1, 2)
+        centre, first, sweep = self.arcs
+        angle = first[:, None] + sweep[:, None] * ((np.arange(ON_ARCS) + 0.5) / ON_ARCS)
+        out = np.stack([np.cos(angle), np.sin(angle)], 2)
+        round_ = (centre[:, None] + self.radius_mm[self.radius_mm > 0, None, None] * out).reshape(-1, 2)
+        along = np.stack([-out[..., 1], out[..., 0]], 2).reshape(-1, 2)
+        at, way = np.concatenate([sides, round_]), np.concatenate([np.repeat(self.ways, ON_SIDE, axis=0), along])
+        return self.origin + at @ self.axes, self.origin + (at + STEP * way) @ self.axes
+
+
+def fitted_rings(images: StereoImages, rough: Sequence[Sequence[RoughPolygon]]) -> list[FittedRing]:
+    """Of closed regions of the left and the right image."""
+    found = list[FittedRing]()
+    left, right = (
+        [_Region.of(one, view.rectified) for one in own] for own, view in zip(rough, images.views, strict=True)
+    )
+    for one in left:
+        planes = [_plane(one, other, images.geometry) for other in sorted(right, key=one.apart)[:1]]
+        for origin, axes, ring in filter(None, planes):
+            if any(np.linalg.norm(origin - known.origin) < SAME_MM for known in found):
+                continue
+            px_mm = float(np.linalg.norm(origin - images.geometry.middle_mm)) / images.geometry.left.focal_px
+            fits = [_fitted(sketch, images) for sketch in _sketches(origin, axes, ring, px_mm)]
+            found += [max(fits, key=lambda fit: fit[1])[0]] if any(worth > 0 for _, worth in fits) else []
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """A region in ideal coordinates: its border (K, 2), its middle (2,), second moments about it, of x, x y and y, and
+    its first and last row (2,)."""
+
+    border: Array
+    middle: Array
+    second: tuple[float, float, float]
+    rows: Array
+
+    @classmethod
+    def of(cls, rough: RoughPolygon, camera: RectifiedCamera) -> _Region:
+        border = camera.ideal(rough.border.astype(float))
+        unit = (border - border.mean(0)) * camera.focal_px
+        sums = cv2.moments(unit.astype(np.float32)[:, None])
+        area = sums["m00"] or 1.0
+        second = tuple(sums[name] / area / camera.focal_px**2 for name in ("mu20", "mu11", "mu02"))
+        middle = border.mean(0) + np.array([sums["m10"], sums["m01"]]) / area / camera.focal_px
+        return cls(
+            border, middle, (second[0], second[1], second[2]), np.array([border[:, 1].min(), border[:, 1].max()])
+        )
+
+    def apart(self, other: _Region) -> float:
+        """How unlike its rows are to another's."""
+        return float(np.abs(self.rows - other.rows).max())
+
+
+def _plane(left: _Region, right: _Region, geometry: Baseline) -> tuple[Array, Array, Array] | None:
+    """origin (3,), axes (2, 3) of the plane in which the border of a region of both images lies, and the border in it
+    (K, 2), mm, anticlockwise; None where they are no two images of one."""
+    (xx, xy, yy), (other_xx, other_xy, other_yy) = left.second, right.second
+    wide, other_wide = xx - xy**2 / max(yy, 1e-12), other_xx - other_xy**2 / max(other_yy, 1e-12)
+    if left.apart(right) * geometry.left.focal_px > ROW_PX or min(wide, other_wide) <= 0:
+        return None
+    stretch = float(np.sqrt(other_wide / wide))
+    shear = (other_xy - stretch * xy) / yy
+    shift = right.middle[0] - np.array([stretch, shear]) @ left.middle
+    x = left.border @ [stretch, shear] + shift
+    apart = left.border[:, 0] - x
+    if not 1 / STRETCH < stretch < STRETCH or (apart * FARTHEST_MM < geometry.length_mm).any():
+        return None
+    if (apart * NEAREST_MM > geometry.length_mm).any():
+        return None
+    points = geometry.points(left.border, np.column_stack([x, left.border[:, 1]]))
+    origin, normal = points.mean(0), fit_plane(points)[0]
+    first, second = axes_in(normal)
+    axes = np.stack([first, second] if np.cross(first, second) @ normal > 0 else [second, first])
+    ring = (points - origin) @ axes.T
+    return origin, axes, ring if cv2.contourArea(ring.astype(np.float32), True) > 0 else ring[::-1]
+
+
+def _sketches(origin: Array, axes: Array, ring: Array, px_mm: float) -> Iterator[FittedRing]:
+    """The rounded polygons that a border (K, 2) mm may be, to a few pixels."""
+    lengths = np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    count = int(along[-1] / (SAMPLE_PX * px_mm))
+    at = along[-1] * np.arange(count) / max(count, 1)
+    closed = np.concatenate([ring, ring[:1]])
+    even = np.column_stack([np.interp(at, along, closed[:, k]) for k in (0, 1)])
+    sides = _straight(even, STRAIGHT_PX * px_mm)
+    if not sides:
+        return
+    short = [side for side in sides if side[1] - side[0] < ON_ARC_PX / SAMPLE_PX]
+    turns = _sketch(origin, axes, even, sides, px_mm).turns
+    chords = [
+        side
+        for k, side in enumerate(sides)
+        if side in short and min(turns[k - 1], turns[k]) > 0 and turns[k - 1] + turns[k] < ON_ARC
+    ]
+    for kept in ([side for side in sides if side not in chords], *([sides] if chords else [])):
+        if 1 <= len(kept) <= MOST_SIDES:
+            sketch = _sketch(origin, axes, even, kept, px_mm)
+            hollow = (sketch.turns < 0) & (sketch.radius_mm > 0) & ~sketch.free
+            if sketch.radius_mm.any() and not hollow.any() and sketch.is_sound():
+                yield sketch
+
+
+def _straight(ring: Array, off_mm: float) -> list[tuple[int, int]]:
+    """First, and last + 1, places of the straight stretches of a ring (M, 2), the longest taken first; in order."""
+    count, least = len(ring), int(SHORTEST_PX / SAMPLE_PX)
+    twice = np.concatenate([ring, ring])
+    terms = np.column_stack([twice, twice**2, twice[:, 0] * twice[:, 1]])
+    sums = np.concatenate([np.zeros((1, 5)), np.cumsum(terms, axis=0)])
+    free, found, size = np.ones(count, bool), list[tuple[int, int]](), count // 2
+    while size >= least:
+        x, y, xx, yy, xy = ((sums[size : size + count] - sums[:count]) / size).T
+        a, b, c = xx - x * x, yy - y * y, xy - x * y
+        off2 = (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c * c)
+        taken = np.concatenate([[0], np.cumsum(~np.concatenate([free, free]))])
+        off2[taken[size : size + count] > taken[:count]] = np.inf
+        first = int(off2.argmin())
+        if off2[first] < off_mm**2:
+            found.append((first, first + size))
+            free[np.arange(first, first + size) % count] = False
+        else:
+            size = min(size - 1, int(SHORTER * size))
+    return sorted(found)
+
+
+def _sketch(origin: Array, axes: Array, ring: Array, sides: Sequence[tuple[int, int]], px_mm: float) -> FittedRing:
+    """With these stretches of a ring (M, 2) as its sides, the farther from where they meet they end the rounder."""
+    direction, out, ends = list[float](), list[float](), list[Array]()
+    for first, last in sides:
+        points = ring[np.arange(first, last) % len(ring)]
+        middle = points.mean(0)
+        way = np.linalg.svd(points - middle)[2][0]
+        way = way * (np.sign(way @ (points[-1] - points[0])) or 1.0)
+        direction.append(float(np.arctan2(way[1], way[0])))
+        out.append(float(middle @ [way[1], -way[0]]))
+        ends.append(points[[0, -1]])
+    count = len(sides)
+    sharp = FittedRing(
+        origin, axes, np.array(direction), np.array(out), np.zeros(count), np.full((count, 2), np.nan),
+        np.ones((count, 2)),
+    )  # fmt: skip
+    both, way, after = np.stack(ends), sharp.ways, np.roll(sharp.ways, -1, axis=0)
+    begins = np.roll(both[:, 0], -1, axis=0)
+    before = ((sharp.corners - both[:, 1]) * way).sum(1)
+    behind = ((begins - sharp.corners) * after).sum(1)
+    least, gap_mm = np.minimum(before, behind), GAP_PX * px_mm
+    gaps = [(sides[(k + 1) % count][0] - last) % len(ring) for k, (_, last) in enumerate(sides)]
+    free = (np.array(gaps) * SAMPLE_PX > GAP_PX) & ((least < -gap_mm) | (np.abs(sharp.turns) > HALF_ROUND))
+    radius = np.where(least > gap_mm, (before + behind) / 2, 0.0) / np.maximum(np.tan(np.abs(sharp.turns) / 2), 0.05)
+    centre, at = sharp.centre_mm.copy(), sharp.at.copy()
+    for k in np.flatnonzero(free).tolist():
+        centre[k], radius[k], _ = fit_circle(ring[np.arange(sides[k][1], sides[k][1] + gaps[k]) % len(ring)])
+        for side, (place, own) in enumerate(((both[k, 1], way[k]), (begins[k], after[k]))):
+            at[k, side] = np.sign((place - centre[k]) @ own) or 1.0
+    return replace(sharp, radius_mm=radius, centre_mm=centre, at=at)
+
+
+def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float]:
+    """It as the edges of both images have it; and what it is worth, 0 where they show none such."""
+    now, size = sketch, sketch.unknowns
+    sides = np.repeat([TILT, MOVE_MM], len(sketch.direction))
+    steps = np.concatenate([[MOVE_MM, TILT, TILT], sides, np.full(size, MOVE_MM)])[:size]
+    for reach in REACHES_PX:
+        if not now.is_sound():
+            return now, 0.0
+        hessian, gradient, shown = 1e-9 * np.eye(size), np.zeros(size), list[Array]()
+        variants = [now, *(now.moved(step) for step in np.diag(steps))]
+        at, on = now.places()
+        points = np.concatenate([on, *(one.places()[0] for one in variants)])
+        for view, ideal in zip(images.views, images.geometry.project(points), strict=True):
+            on_px, px, *moved = view.rectified.pixels(ideal).reshape(-1, len(at), 2)
+            along = on_px - px
+            normal = np.stack([along[:, 1], -along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
+            moves = np.stack([((one - px) * normal).sum(1) / step for one, step in zip(moved, steps, strict=True)], 1)
+            offsets = np.arange(-reach - 0.5, reach + 1.0)
+            slopes = np.abs(slopes_across(levels_across(view.smooth, px, normal, offsets, _ROWS_PX))) / view.grain
+            edge = np.where(peaks(slopes, EDGE_SIGMAS), slopes[:, 1:-1], 0.0)
+            best = (np.sqrt(edge) * np.exp(-0.5 * (np.arange(1.0 - reach, reach) / NEAR_PX) ** 2)).argmax(1) + 1
+            off = best - reach + peak_places(slopes, best)[1]
+            there = edge.max(1) > 0
+            shown.append(there & (np.abs(off) < max(ON_PX, reach - 3)))
+            weighed = (there * robust_weight(off**2 / EDGE_PX**2))[:, None] * moves
+            gradient += weighed.T @ off
+            hessian += weighed.T @ moves
+        if np.mean(shown) < LEAST_AT_FIRST or np.linalg.cond(hessian) > 1e12:
+            return now, 0.0
+        now = now.moved(np.linalg.solve(hessian, gradient))
+    on_sides, on_arcs = np.split(np.array(shown), [ON_SIDE * len(sketch.direction)], axis=1)
+    each = [on_sides.reshape(2, -1, ON_SIDE).mean(2), on_arcs.reshape(2, -1, ON_ARCS).mean(2)]
+    least, mean = min(one.min() for one in each), np.array(shown).mean(1).min()
+    good = least > LEAST_ELEMENT and mean > LEAST_SHOWN and now.is_sound()
+    return now, (mean - PER_SIDE * len(now.direction)) * (good and (now.radius_mm > LEAST_RADIUS_MM).any())
