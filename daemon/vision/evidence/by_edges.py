@@ -52,7 +52,7 @@ from daemon.vision.hypotheses import (
     turns_about_axis,
 )
 from daemon.vision.image import StereoImages
-from daemon.vision.model import Model
+from daemon.vision.model import Model, facet_turns
 from daemon.vision.recognition import Recognised
 from daemon.vision.refine import SCALE, facets_shown
 from daemon.vision.values import NearestGuess, Part, Recognition
@@ -94,6 +94,8 @@ HOLES_APART = 3.0
 for a turn of it that is none."""
 ELSE_TURNED = 1 + 2 * np.cos(np.radians(30.0))
 """Trace of a turn by so much: farther than that a part lies another way, nearer it is a pose a little off."""
+MOST_WAYS = 3
+"""Ways a part could lie otherwise that are held against the one that is likeliest."""
 MOST_TURNS = 3
 """Turns of a round part about its axis that are registered, of those that are tried."""
 SURE_NATS = 8.0
@@ -188,7 +190,7 @@ def _proven(
         odds = _log_odds(one, search, tests)
         if _probability(odds) < LEAST_CONFIDENCE:
             continue
-        one = _other_way(one, laid, search, tests)
+        one = _other_way(one, laid, search)
         taken.append(one)
         one = _best_turn(one, search)
         holes = by_holes(one.label, one.pose, search.model, images)
@@ -211,14 +213,30 @@ def _proven(
     return taken, found, ()
 
 
-def _other_way(one: RegisteredPart, laid: Sequence[RegisteredPart], search: Search, tests: int) -> RegisteredPart:
-    """A part, or the same part as it is laid there another way, where the edges that it shows only that way are there:
-    with its plain side up a part leaves all the edges of its other side unexplained."""
-    same = (other for other in laid if other.label == one.label and other is not one and other.overlaps(one))
-    ways = [other for other in same if _lies_otherwise(other, one)]
-    best = max(ways, key=lambda other: _by_own_edges(other, one), default=one)
-    ahead = best is not one and _by_own_edges(best, one) > 0
-    return best if ahead and _probability(_log_odds(best, search, tests)) >= LEAST_CONFIDENCE else one
+def _other_way(one: RegisteredPart, laid: Sequence[RegisteredPart], search: Search) -> RegisteredPart:
+    """A part, or the same part as it lies there another way, where the edges that it has only that way are there, or
+    only that way it rests: with its plain side up a part leaves all the edges of its other side unexplained, and where
+    both have one outline, the wrong one sinks into the table or hovers. Another way is laid already, or has another
+    facet where this one has the one that shows most. That the part is there is proven: another way pays for the tries
+    of it only. Each is held against the others where its edges have it."""
+    same = [other for other in laid if other.label == one.label and other is not one and other.overlaps(one)]
+    facet = int((one.solid.facing(one.pose) * np.linalg.norm(one.solid.areas_mm2, axis=1)).argmax())
+    over = [EdgeHypothesis(one.label, one.pose @ frames.inverse(turn)) for turn in facet_turns(one.solid, facet)]
+    others = [*same, *registered_at(search, over)] if over else same
+    ways = _by_odds(other for other in others if _lies_otherwise(other, one))[:MOST_WAYS]
+    likely = [way for way in ways if _probability(_log_odds(way, search, len(ways))) >= LEAST_CONFIDENCE]
+    if not likely:
+        return one
+    here, *measured = (_where_measured(each, search) for each in (one, *likely))
+    best = max(measured, key=lambda other: _by_own_edges(other, here))
+    return best if _by_own_edges(best, here) > 0 else one
+
+
+def _where_measured(one: RegisteredPart, search: Search) -> RegisteredPart:
+    """A part where its edges have it."""
+    fit = measured_at(one.solid, one.pose, search.images, search.model, one.seen).fit
+    (there,) = registered_at(search, [EdgeHypothesis(one.label, fit.cyclopean_from_part, one.tries)])
+    return there
 
 
 def _lies_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:

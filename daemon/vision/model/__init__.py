@@ -29,6 +29,7 @@ from daemon.vision.model.symmetry import (
     EXACT_MM,
     Axis,
     axis_of_revolution,
+    facet_turns,
     mirror_images,
     symmetries,
     turns_but_for_holes,

@@ -57,6 +57,23 @@ def turns_but_for_holes(solid: Polyhedron) -> Array:
     return np.array(found)
 
 
+@lru_cache(maxsize=1024)
+def facet_turns(solid: Polyhedron, facet: int) -> Array:
+    """(S, 4, 4) the motions that lay a facet of a solid where another of its facets is, corner on corner."""
+    rings = [solid.corners_mm[ring] for ring in solid.rings]
+    own, found = rings[facet], list[Array]()
+    longest = int(np.linalg.norm(np.roll(own, -1, 0) - own, axis=1).argmax())
+    own = np.roll(own, -longest, 0)
+    axes = frames.rigid(_frames(*own[:3, None])[0], own[0])
+    for other, ring in enumerate(rings):
+        for shift in range(len(own) if other != facet and len(ring) == len(own) else 0):
+            there = np.roll(ring, -shift, 0)
+            motion = frames.rigid(_frames(*there[:3, None])[0], there[0]) @ frames.inverse(axes)
+            if np.abs(frames.apply(motion, own) - there).max() < KEPT_MM:
+                found.append(motion)
+    return np.reshape(found, (-1, 4, 4))
+
+
 class Axis(NamedTuple):
     """point_mm (3,) on it, and way (3,), unit, in the frame of a solid."""
 
