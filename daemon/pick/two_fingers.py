@@ -29,6 +29,8 @@ TOUCHING_MM = 0.6
 """Soft pads and taught corners: what is this near to the finger touches it."""
 LEAST_BITE_MM = 4.5
 """How deep the part must reach between the fingers at the least."""
+EACH_BITE_MM = 3.0
+"""How deep what each finger rests on must reach between them: looks err by 1 mm, in height most."""
 MEETING_MM = 2.0
 """Faces that are reached within this of one another meet there in an edge or a corner."""
 NEAR_RAD = 0.25
@@ -357,6 +359,9 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
     if not flat and not (upper.rounded and lower.rounded):
         return None
     high_mm, low_mm = float(top.max()), float(bottom.min())
+    deep = lines.base[:, 1] <= gripper.tip_mm - EACH_BITE_MM
+    if max(high_mm - top[:, deep].max(), bottom[:, deep].min() - low_mm) > MEETING_MM:
+        return None
     middle, out = (high_mm + low_mm) / 2, half + gripper.finger_thick_mm
     roomy = half - gripper.side_clearance_mm
     if not (lines.free(middle + roomy, middle + out) and lines.free(middle - out, middle - roomy)):

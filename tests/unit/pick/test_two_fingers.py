@@ -375,3 +375,18 @@ def test_what_two_fingers_are_asked_is_what_their_settings_say():
     assert GRIPPER.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == ""
     small = TwoFingers(opening_mm=20.0)
     assert small.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == "no grasp holds it as it lies"
+
+
+def test_what_each_finger_rests_on_reaches_deep_enough_between_them_for_a_part_seen_too_high():
+    """A leg 10 mm high was to be met by the very tip of one finger, which passed over it and pushed the part away."""
+    drawn = machined.drawings()["bracket"]
+    shape, solid = shown_shape("bracket", drawn), drawn.solid
+    shift = shape.hull.vertices.min(axis=0) - solid.corners_mm.min(axis=0)
+    solid = replace(solid, corners_mm=solid.corners_mm + shift)
+    lying = [frames.rigid(np.eye(3), MIDDLE) @ down for down in shape.rests]
+    for rest, pose in enumerate(lying):
+        seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, 1.0])) @ pose
+        for grasp in grasps(solid, seen, -300.0, GRIPPER):
+            tool_from_world = frames.inverse(grasp.world_from_tool)
+            grip = close_on(shape, tool_from_world @ pose, tool_from_world[:3, 2], TRUTH)
+            assert grip.held, (rest, grip.why, grasp.description)
