@@ -94,15 +94,22 @@ class SimulatedOperator:
         if self._set_aside is None:
             self._set_aside = self.cell.world.parts
 
-    def place_error(self, label: str, poses: Sequence[Array], corners: Array) -> tuple[float, float] | None:
+    def place_error(
+        self, label: str, poses: Sequence[Array], corners: Array, axis: Array | None = None
+    ) -> tuple[float, float] | None:
         """How far, mm and degrees, the part of a label that is nearest to its place truly lies from there, or from the
         pose that looks the same and is nearest; None: there is no such part. poses: world_from_part (4, 4) that look
-        the same, the first as the place says; corners (N, 3): of the part, in its frame."""
+        the same, the first as the place says; of the part, in its frame: corners (N, 3); axis (3,): of a body of
+        revolution, which may be turned about it."""
         from drivers.simcell.witness import pose_error
 
         found = [
             min(
-                pose_error(frames.apply(pose, corners), frames.apply(part.pose, part.shape.hull.vertices))
+                pose_error(
+                    frames.apply(pose, corners),
+                    frames.apply(part.pose, part.shape.hull.vertices),
+                    None if axis is None else pose[:3, :3] @ axis,
+                )
                 for pose in poses
             )
             for part in self.cell.world.parts

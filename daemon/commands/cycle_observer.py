@@ -92,7 +92,8 @@ class CycleObserver:
         error_mm, error_deg, held = truth
         placed = None
         if end.place is not None and (goal := context.cycle.placing.goals.get(end.place)) is not None:
-            placed = hand.place_error(goal.place.part, goal.poses, goal.shape.corners_mm)
+            axis = None if goal.axis is None else goal.axis.way
+            placed = hand.place_error(goal.place.part, goal.poses, goal.shape.corners_mm, axis)
         place_mm, place_deg = placed or (None, None)
         context.run_log.record(
             "truth",

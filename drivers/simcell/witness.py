@@ -49,9 +49,10 @@ class Witness:
         return pose_error(expected_corners_tool_mm, found)
 
 
-def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
+def pose_error(claimed_mm: Array, true_mm: Array, axis: Array | None = None) -> tuple[float, float]:
     """Error (mm at the middle, degrees) of claimed corners (N, 3) against those of the true hull (V, 3), matched by
-    iterated closest points; N >= 3. Claimed corners within their own hull have no match there, and are left out.
+    iterated closest points; N >= 3. Claimed corners within their own hull have no match there, and are left out. axis:
+    unit direction (3,) about which a turn is no error.
     """
     claimed_mm = claimed_mm[sorted({corner for face in hull(claimed_mm).faces for corner in face})]
     moved = claimed_mm
@@ -61,7 +62,11 @@ def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
         moved = apply(true_from_claimed, claimed_mm)
     middle = claimed_mm.mean(axis=0)
     shift = apply(true_from_claimed, middle) - middle
-    return float(np.linalg.norm(shift)), float(np.degrees(angle_of(true_from_claimed)))
+    turned = angle_of(true_from_claimed)
+    if axis is not None:
+        tilted = true_from_claimed[:3, :3] @ axis
+        turned = float(np.arctan2(np.linalg.norm(np.cross(axis, tilted)), axis @ tilted))
+    return float(np.linalg.norm(shift)), float(np.degrees(turned))
 
 
 def fit(start: Array, end: Array) -> Array:
