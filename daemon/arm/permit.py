@@ -53,8 +53,8 @@ class MotionPermit:
 
     @property
     def stop_as_granted(self) -> bool:
-        """Whether the stop has stayed verified since the permit was granted. If it has not (the line was lost, the
-        controller was switched off, or it refused the stop), a new verification does not restore the permit."""
+        """Whether the stop tested at `enable` is still valid. False after a lost line, a restarted controller or a
+        refused stop, also if the stop was tested again since: the operator must enable anew."""
         return self.stop_seen == self._granted_with > 0
 
     @property

@@ -73,14 +73,15 @@ async def looking(
 async def _elsewhere(
     context: PickContext, world: WorldModel, why: str, code: DecisionCode
 ) -> Literal[PickEvent.ELSEWHERE, PickEvent.LOST]:
-    """The target lies otherwise than was thought."""
+    """The target does not lie as expected: plan again, or skip it."""
     return PickEvent.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why, code) else PickEvent.LOST
 
 
 async def estimating(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.UNSURE, PickEvent.SURE, PickEvent.DOUBT, PickEvent.ELSEWHERE, PickEvent.LOST, PickEvent.GAVE_UP]:
-    """Hold the look against the one before, fuse, and say whether it is enough."""
+    """Compare the look with the one before, fuse all looks, and decide whether the pose is known well enough to
+    grasp."""
     target, settings = world.the_target(), context.settings
     chi = 0.0
     if len(target.sightings) > 1:

@@ -197,7 +197,7 @@ class PickCycle:
         return await self.begin_auto(pick_order)
 
     def begin_auto(self, pick_order: PickOrder = ALL) -> Coroutine[Any, Any, list[CycleEnd]]:
-        """The same, on in this very moment: an auto_off() that comes next ends it. Gives what waits for its end."""
+        """Start auto now, so that an auto_off() right after it ends it; return a coroutine that waits for its end."""
         self._may_pick()
         if pick_order.on_signal and not (self.line.has("cycle_start") or self.line.has("part_present")):
             raise RefusedError(
@@ -387,7 +387,8 @@ class PickCycle:
             await seen()
 
     async def _work_gripper(self, closed: bool, hand_s: float) -> None:
-        """By outputs of the controller where the valves of the mounted cup are there, else by its hand valves."""
+        """Operate the gripper: by digital outputs if the mounted cup's valves are wired to them, else by the hand
+        valves."""
         if self.settings.gripper.by_vacuum and self.line.valves_at_outputs:
             await self.line.work_cup(closed, hand_s)
         else:
@@ -487,10 +488,10 @@ class PickCycle:
             raise RefusedError(f"the arm's {piece} is in the fixed cameras' view: `go home` first")
 
     def guard_the_hand(self) -> None:
-        """What may be in the hand, and nobody saw how, is guarded any way round from now on: as large as the longest of
-        the parts known, also one that was taught since, wherever it is held. So is a gripper that only counts as empty:
-        a pendant may have closed it on a part. Raises RefusedError where nothing is known of it and no part is taught:
-        any could be in the hand."""
+        """Guard a part that may be in the gripper in an unknown pose, as the longest taught part in any orientation,
+        also one that was taught since. This includes a gripper that is only assumed to be empty: a pendant may have
+        closed it on a part. Raises RefusedError if nothing is known of the gripper and no part is taught: any part
+        could be in it."""
         if not self.belief.may_hold:
             return
         self._assume_the_longest()
@@ -571,7 +572,7 @@ class PickCycle:
         return bool(await self._of_the_line(self.line.wanted(lambda: self._auto)))
 
     async def _of_the_line(self, asked: Awaitable[bool | None]) -> bool | None:
-        """What the line's signals say; where they cannot be read, false, and the arm is stopped with a fault."""
+        """Read the signals of the production line; if that fails, stop the arm with a fault and return False."""
         try:
             return await asked
         except Exception as error:
@@ -612,8 +613,8 @@ class PickCycle:
         return end
 
     def _cut_short(self, world: WorldModel, by: Interruption, why: str, code: CauseCode) -> None:
-        """What stops the arm is the outcome of a pick, but where the part was let go already, or nothing but the way
-        home was left: that pick keeps its outcome, and its record has the stop beside it."""
+        """Record a stop as the outcome of the pick. A pick that has already released its part, or only goes home, keeps
+        its outcome, and its record has the stop beside it."""
         world.ended_by = by
         if not (world.let_go or world.going_home):
             outcome = Outcome.FAULT if by is Interruption.ERROR else Outcome.ABORTED
@@ -627,7 +628,7 @@ class PickCycle:
     async def _stop_arm(
         self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
     ) -> None:
-        """Who stops the arm as it is being stopped ends the job, and not what is to be known of this pick's end."""
+        """Stop the arm; if somebody else stops it at the same time, still record how this pick ended."""
         with contextlib.suppress(asyncio.CancelledError):
             await self.supervisor.stop_arm(event, why, fault, cause)
 

@@ -116,7 +116,7 @@ def _tell_outlines(world: WorldModel) -> None:
 
 
 def _tell_places(context: PickContext, world: WorldModel) -> None:
-    """Where all that is wanted lies at its place, that is what a pick says."""
+    """If every wanted part already lies at its place, say so as the result."""
     lying = [
         f"{part.label} lies at {goal.description}"
         for part in world.found
@@ -162,8 +162,8 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
 async def choose(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.CHOSEN, PickEvent.DOUBTFUL, PickEvent.STALE, PickEvent.NONE_LEFT]:
-    """The first part, in order, that can be had; each that cannot is skipped and named. Also where a pick that would go
-    on and on ends."""
+    """Choose the first part, in order, that can be picked; skip and name the others. A pick that would go on without
+    end also ends here."""
     world.target = None
     given_up = world.too_long(context)
     if given_up is not None:
@@ -287,9 +287,9 @@ def _planned(
     looks: Sequence[Look] = (),
     most: int = 1,
 ) -> tuple[Array | None, Plan | NoPlan]:
-    """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
-    or why there is none. unseen: see WorldModel.sides_unseen. Where no one grasp brings it to its place, the first of
-    at most so many; looks: at the table that it lies on in between."""
+    """The viewing direction (None: along the approach) and the best grasp that can be reached past the part's
+    neighbours, or why there is none. unseen: see WorldModel.sides_unseen. If no one grasp brings the part to its place:
+    the first of at most so many; looks: at the table that it lies on in between."""
     side_view = _side_view(part, unseen, settings, mounting, reach)
     beside = [other.corners for other in neighbours if not is_own(other, part)]
     arm, away = (settings, mounting, reach.allows_each, rig), unseen if side_view is None else ()

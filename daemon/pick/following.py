@@ -168,7 +168,7 @@ class CameraMount:
 
 
 def mount_of(cell: Workcell) -> CameraMount:
-    """That of a cell."""
+    """The cameras of a cell and how they are mounted."""
     return CameraMount(cell.rig, cell.mounting, cell.alone)
 
 
@@ -310,8 +310,8 @@ def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
 
 
 def least_error(mount: CameraMount, distance_mm: float, doubt: Doubt) -> Estimate:
-    """What calibration and arm leave at the grasp: the error after one look straight at a part, distance_mm away, that
-    has no error of its own."""
+    """Lower bound of the error at the grasp: that of calibration and arm alone, after one perfect look straight at a
+    part, distance_mm away."""
     seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, distance_mm])), EXACT * np.eye(6)
     pivot = mount.mounting.pivot if isinstance(mount.mounting, InWorld) else None
     there = np.eye(4), mount.mounting.world_from_cyclopean_at(np.eye(4)), pivot

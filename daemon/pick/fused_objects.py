@@ -61,8 +61,8 @@ def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> li
 
 
 def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
-    """At most so many of the looks, in their order: the newest, and one by one that which shows most from where it was
-    seen least by those before; what has no name counts most."""
+    """Select the most informative looks, at most so many, in their order: the newest, then one by one the look that
+    shows most of what the others show least; unnamed groups count most."""
     parts = [(k, part) for k, look in enumerate(looks) for part in seen_parts(look)]
     owner = np.array([k for k, _ in parts], np.intp)
     centres = np.array([part.centre for _, part in parts]).reshape(-1, 3)

@@ -109,7 +109,7 @@ class Gripper(Protocol):
         nearly like it. Raises ValueError where the shape's corners span no volume."""
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
-        """By what it can take hold of a part, whichever side is up, in words; empty: its grasps depend on how the part
+        """What the gripper can grasp a part by, in words, however the part lies; empty: its grasps depend on how it
         lies. error_mm: see grasps."""
 
     def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:

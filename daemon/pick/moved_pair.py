@@ -132,7 +132,7 @@ def of_pair(part: Part, rig: StereoRig, arm: Array) -> Array:
 def weighed(
     poses: Sequence[Array], covariances: Sequence[Array], cameras: Sequence[Camera], arm: Array, size_share: float
 ) -> tuple[Array, Array]:
-    """One pose of what each of two pictures shows by itself: (cyclopean_from_part (4, 4), covariance (6, 6)).
+    """Fuse the poses that two images give separately: (cyclopean_from_part (4, 4), covariance (6, 6)).
 
     poses: (4, 4), covariances: (6, 6), of the pictures; arm: (6, 6) of one place; size_share: by which share of itself
     the part may be larger than it was taught. Where the pictures disagree by more than all that says, the covariance

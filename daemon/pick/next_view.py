@@ -122,7 +122,7 @@ def hypotheses_of(
 
 
 def strange(part: ObservedPart, group: Group | None = None, probability: float = 1.0) -> PartHypothesis:
-    """That a part, or a group of its facets, is something not taught."""
+    """The hypothesis that a part, or a group of its facets, was not taught."""
     seen = (group or merge_vertices(part.facets)).polyhedron
     every = tuple(range(len(seen.facets)))
     return PartHypothesis(UNKNOWN, seen, part.look.world_from_cyclopean, np.zeros((6, 6)), every, probability)
@@ -249,8 +249,7 @@ def shown(look: Outlook, centre: Array, centres: Array, beside: Sequence[Array] 
 
 
 def missed(look: Outlook, shows: Array) -> Outlook:
-    """The same hypotheses, each less likely by what it says that earlier looks should have found, shows (V, H, C), and
-    that was not seen."""
+    """Downweight hypotheses whose facets earlier looks should have shown, shows (V, H, C), but did not."""
     speaks = np.prod(1 - shows[:, :, look.seen :], axis=(0, 2))
     weights = look.chances * speaks
     weights = weights / weights.sum() if weights.sum() > 0 else look.chances
@@ -275,7 +274,7 @@ def places_round(
 
 
 def allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
-    """Those of the poses, world_from_tool (4, 4), that the arm can have."""
+    """Those of the poses, world_from_tool (4, 4), that the arm can reach."""
     return list(compress(poses, reach.allows_each(np.reshape(poses, (-1, 4, 4)))))
 
 

@@ -76,7 +76,7 @@ _TABLES = OrderedDict[tuple[object, ...], GraspTable]()
 
 
 def grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTable:
-    """That of a part and a gripper, worked out once. Raises ValueError where the corners span no volume."""
+    """The grasp table of a part and a gripper; cached. Raises ValueError where the corners span no volume."""
     key = (shape.corners_mm.tobytes(), shape.facets, gripper, error_mm)
     if key not in _TABLES:
         _TABLES[key] = _grasp_table(shape, gripper, error_mm)
@@ -186,7 +186,7 @@ class Regrasping:
         return self.destination.goals[:MOST_GOALS]
 
     def _first(self, world_from_part: Array) -> Iterator[_PartHeld]:
-        """By which grasps the part can be picked where it lies, the surest first."""
+        """Grasps that can pick the part as it lies, the surest first."""
         found = [grasp for grasp in self._grasps_of(world_from_part) if not grasp.blocked]
         tools = np.reshape([grasp.world_from_tool for grasp in found], (-1, 4, 4))
         for number in self._surest(found, tools, world_from_part):
@@ -210,8 +210,8 @@ class Regrasping:
         return found
 
     def _surest(self, grasps: Sequence[PlannedGrasp], tools: Array, pose: Array) -> list[int]:
-        """Their numbers in order, by how firm each holds, how well looks on the way to it show the part, and how much
-        of the part shows in the gripper afterwards."""
+        """Indices of grasps, the surest first: by firmness, by how well looks on the approach show the part, and by how
+        much of it shows in the gripper afterwards."""
         stand_offs, centre = self.settings.stops.stand_offs_mm, self._centre(pose)
         worth = []
         for grasp, tool in zip(grasps, tools, strict=True):

@@ -89,9 +89,9 @@ async def measure(context: PickContext, target: Target, taken: Taken) -> Array |
 async def set_down(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.SET_DOWN, PickEvent.LAID_DOWN, PickEvent.UNREACHABLE, PickEvent.LOST, PickEvent.DRY]:
-    """Over the place, or where it is laid on the table to be taken anew; straight and slowly down to its support, let
-    go, straight back. Where the guard refuses the way, the part goes to the bin, and the place is free again; so it is
-    where the part was lost on the way."""
+    """Lower the part onto its place, or onto the table between two grasps: straight and slowly down, open, straight
+    back. If the guard refuses the way, the part goes to the bin and the place is free again; the place is free as well
+    if the part was lost on the way."""
     target, mover = world.the_target(), context.mover
     assert target.way is not None
     assert target.held is not None
@@ -286,8 +286,8 @@ async def held_here(context: PickContext) -> HeldHere:
 async def _go_round(
     context: PickContext, world: WorldModel, centre: Array, name: str, viewpoints_before: Sequence[Array]
 ) -> None:
-    """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before;
-    viewpoints_before: (3,) world mm."""
+    """Go to a reachable viewpoint of a point (3,), the one farthest from all earlier viewpoints. viewpoints_before:
+    (3,) world mm."""
     mounting = context.cell.mounting
     poses = places_round(centre, mounting, context.settings.verify_mm)
     poses = await context.cell.compute(allowed, poses, context.mover.reach)
@@ -311,9 +311,9 @@ async def _go_round(
 async def _judge(
     context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus
 ) -> tuple["PlaceFinding", Look]:
-    """Look at a place from where the arm is at rest, and again from another side as long as what the looks say together
-    is nearer to the tolerance than it may err, or a look does not show the part: what they say, and the last of them.
-    empty: what a place is that shows nothing."""
+    """Look at a place from where the arm is at rest, and from further sides as long as the result is closer to the
+    tolerance than its error, or the part is not seen. Return what the looks say together, and the last of them. empty:
+    what a place is that shows nothing."""
     expected = expected_at(goal.place.part, goal.shape, goal.poses[0])
     sightings: list[Sighting] = []
     viewpoints: list[Array] = []

@@ -27,7 +27,8 @@ class Stops:
 
 
 def enough(estimate: Estimate, looks: int, stops: Stops, any_turn: bool = False) -> bool:
-    """Whether the last, blind stretch may be taken. any_turn: it may, however the part is turned about the vertical."""
+    """Whether the pose is known well enough for the final approach, which is made without another look. any_turn: the
+    turn about the vertical does not matter."""
     turned_deg = estimate.predicted_tilt_deg if any_turn else estimate.predicted_deg
     good = estimate.predicted_mm <= stops.enough_mm and turned_deg <= stops.enough_deg
     return good and looks >= stops.least_looks

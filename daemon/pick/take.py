@@ -62,7 +62,7 @@ async def final(
 
 
 async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.CLOSED]:
-    """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
+    """Close the gripper. From now on the guard includes the part, at the pose at which it should have been grasped."""
     target = world.the_target()
     await context.mover.hand(closed=True, hand_s=context.settings.hand_time_s(closed=True))
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
@@ -88,9 +88,9 @@ async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.
 async def verify(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.GONE, PickEvent.MEASURED, PickEvent.MISSED]:
-    """Look whether the part is in the hand, or at least no longer where it lay and nowhere else. A look may err, so a
-    hand that is said to have missed opens over the bin, as one that holds the part does. A part that has a place is
-    measured in the gripper; what does not show there well enough goes to the bin."""
+    """Look whether the gripper holds the part, or at least whether the part has left its place and lies nowhere else. A
+    look may err, so a gripper that seems to have missed opens over the bin, as one that holds the part does. A part
+    that has a place is measured in the gripper; one that does not show there well enough goes to the bin."""
     target, seen = world.the_target(), await look(context, world, "verify")
 
     mount = mount_of(context.cell)
@@ -162,7 +162,7 @@ def _barred(goal: Goal, seen: Look) -> bool:
 
 
 def _knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:
-    """Whether the like of it lies now where nothing lay before."""
+    """Whether a part of the same name now lies where no part lay before."""
     others = [p.centre for p in found if not same_place(p.centre, target.centre)]
     alike = [p.centre for p in on_table if p.label == target.label]
     return any(not any(same_place(now, before) for before in others) for now in alike)
@@ -226,13 +226,13 @@ async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") 
 
 
 async def _open_gripper(context: PickContext) -> None:
-    """Where the arm came to rest above the bin, and nowhere that somebody else moved it meanwhile."""
+    """Open the gripper, if the arm is still where it came to rest above the bin."""
     await context.mover.still_there("the gripper is to open above the bin")
     await context.mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
-    """Out of the way, unless the next pick follows."""
+    """Move home, unless the next pick begins at once."""
     world.target, world.going_home = None, True
     if context.order.count == 1 or world.result.outcome not in BROUGHT:
         await travel(context, world, context.settings.home.pose(), "home")

@@ -174,9 +174,8 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
 
 
 def felt(shape: Polyhedron) -> Polyhedron:
-    """What two flat fingers feel of a part: itself where every side of it is known, flat or, from a drawing, curved;
-    the flat ones first. Else the convex hull of the corners that are known. Raises ValueError where those span no
-    volume."""
+    """The surface that flat fingers can touch: all facets where every side is known, flat or, from a drawing, curved,
+    the flat ones first; else the convex hull of the known corners. Raises ValueError where those span no volume."""
     curved = np.concatenate([shape.covers.reshape(-1, 3), _fillets(shape)])
     if shape.open_edges and not (shape.smooth or shape.arcs or shape.holes or len(curved)):
         return hull(shape.corners_mm)

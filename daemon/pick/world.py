@@ -73,7 +73,7 @@ class SuspectError(FacetdError):
 
 
 async def no_sensor() -> None:
-    """Of a gripper without a sensor."""
+    """The sensor reading of a gripper that has none: always None."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,5 +106,5 @@ class VisionSettings:
         return replace(self.coarse(), shrinks=(1,))
 
     def unhurried(self) -> VisionSettings:
-        """The same for a look that nobody waits for: what it names must not hang on how fast the computer is."""
+        """The same without a time budget, so that results do not depend on the computer's speed."""
         return replace(self, budget_s=inf)

@@ -263,8 +263,8 @@ class LineSession:
     async def past_a_rest(
         self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]
     ) -> ControllerAnswer:
-        """Type a line, and again if it was the first one after the prompt was found and was refused as unknown: then it
-        followed the rest of an earlier line, and was not carried out."""
+        """Type a line. If it was the first after a prompt search and was refused as unknown, type it once more: it had
+        been appended to a leftover of an earlier line, and was not executed."""
         may_hold_rest = talk.line_may_hold_rest
         answer = await type_it()
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
@@ -294,8 +294,8 @@ class LineSession:
         return answer
 
     def leave_unheard(self, errors: Sequence[str]) -> None:
-        """Keep errors that the controller reported by itself for the next turn, like those that it reports while no
-        task is waiting."""
+        """Queue error messages that the controller sent by itself, so that the next turn raises them, like those that
+        it sends while no task is waiting."""
         for text in errors:
             self.talk.hear(Error(b"", text))
 

@@ -179,8 +179,8 @@ def _with_competing(
 def _proven(
     search: Search, laid: Sequence[RegisteredPart], tests: int, spent: Callable[[], float]
 ) -> tuple[list[RegisteredPart], list[Recognised], tuple[str, ...]]:
-    """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
-    and what there was no time for."""
+    """Accept registered hypotheses, the likeliest first: those that the edges prove; of these, named and measured,
+    those that no other taught part explains as well; and notes on what there was no time for."""
     taken, found, images = list[RegisteredPart](), list[Recognised](), search.images
     for k, one in enumerate(laid):
         if spent() > 1:
@@ -314,8 +314,8 @@ def _undecided(laid: Sequence[RegisteredPart], tests: int, images: StereoImages)
 
 
 def _without_hidden(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> Iterator[RegisteredPart]:
-    """Laid parts, the likeliest first; those of which it is not decided whether they are there without what something
-    nearer hides of their edges."""
+    """Registered hypotheses, the likeliest first; for undecided ones, the edges hidden by nearer objects are left out
+    of the evidence."""
     places = list[RegisteredPart]()
     for one in laid:
         odds = one.odds - np.log(tests)
@@ -328,8 +328,8 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, images: StereoIm
 
 
 def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
-    """Log odds of a laid part's being there, of so many guesses of which each could have come so far by chance; minus
-    infinity where they are not enough for a name."""
+    """Log odds that a registered hypothesis is true, corrected for the number of hypotheses tested; minus infinity
+    below the threshold for a name."""
     if not _may_be_named(one, tests):
         return -np.inf
     odds, beside = one.odds - float(np.log(tests)), 0.0
@@ -396,14 +396,14 @@ def placed(
 
 
 def _odds_of_place(one: RegisteredPart) -> float:
-    """Log odds of a part's lying just there: of how many tries that is the best says nothing of it."""
+    """Log odds of this pose against other poses of the same part, without the correction for the number of poses
+    tried."""
     return one.odds + float(np.log(one.tries))
 
 
 def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) -> Array:
-    """(6, 6) by how much the place is in doubt of a part that could lie in several ways, each as likely as its edges
-    there, and where it is turned no likelier than the edges that it has only there; alike (S, 4, 4) the poses at which
-    it would look the same as where it is likeliest."""
+    """(6, 6) extra covariance of the pose from other poses of the same part that are nearly as likely. alike (S, 4, 4):
+    the poses at which the part would look the same as at the likeliest one."""
     spread, total = np.zeros((6, 6)), 1.0
     for one in same:
         if one is not best:
@@ -419,8 +419,8 @@ def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) 
 
 
 def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], images: StereoImages) -> Array:
-    """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
-    or where others of the solid do."""
+    """(S, 4, 4) equivalent poses: those at which the corners of some facets coincide with corners of the solid at this
+    pose (4, 4), which is the first."""
     turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))
     poses = np.asarray(pose @ frames.inverse(turns))
     if not solid.holes or len(poses) == 1:

@@ -124,7 +124,8 @@ class _Competitor(NamedTuple):
 
 
 def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) -> Recognised:
-    """A named part as that of its shape of which its corners are; without its name where they do not tell."""
+    """Rename a part to the taught part of its shape whose corner radii the images show; without a name if they do not
+    tell."""
     pose, competing, rounder = one.part.cyclopean_from_part, list[_Competitor](), list[str]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
     own = model.metric[one.label].solid

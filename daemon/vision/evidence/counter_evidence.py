@@ -100,8 +100,8 @@ def _checked(found: Recognised, model: Model, images: StereoImages) -> Recognise
 
 
 def speaks_against(solid: Polyhedron, pose: Array, images: StereoImages) -> Against:
-    """What speaks against a part's being at cyclopean_from_part (4, 4). Where that would take its name it is asked what
-    lies before the part: that hides edges, and has some of its own."""
+    """The evidence against a part at cyclopean_from_part (4, 4). If it would take the part's name, nearer objects are
+    included: they hide edges, and have some of their own."""
     both, off_px = edge_places(solid, pose, images), off_faces_px(solid, pose, images)
     found = _of_places(solid, pose, images, both, off_px)
     if found.duplicate < MOST_LIKELY_DUPLICATE:
@@ -121,8 +121,7 @@ def _of_places(
 
 
 def missing_share(both: Sequence[EdgePlaces]) -> float:
-    """Of the edges that a part should show in both pictures, the share that is not there though the levels beside it
-    differ."""
+    """Fraction of the edges expected in both images that are missing although the grey levels beside them differ."""
     lacking = every = 0.0
     for seen in both:
         each = (seen.weight * seen.length_px)[:, None] * seen.visible

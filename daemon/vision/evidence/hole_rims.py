@@ -36,8 +36,8 @@ def hole_nats(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm
 
 
 def rim_nats(both: list[RimSeen]) -> float:
-    """Of one hole, by the cameras that have it in view: how surely a rim is there at all, and whether it has the size.
-    Both cameras see one size; a rim that is there is no more so for being long."""
+    """Log likelihood, in nats, that a hole's rim is there and that it has the taught size, over the cameras that have
+    the hole in view. Both cameras see one size; a long rim is no surer to be there than a short one."""
     there = min(max(BY_RIM * sum(seen.edge_nats for seen in both), HIDDEN_NATS), MOST_NATS)
     if there <= 0:
         return there

@@ -29,9 +29,9 @@ def edge_inlier_share(
     images: StereoImages,
     covered: Sequence[Sequence[PlanarShape]] = ((), ()),
 ) -> float | None:
-    """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
-    the edges it should show; None where there are none. covered: what something nearer covers in either image, whose
-    segments say nothing."""
+    """Fraction of the image segments where a part at cyclopean_from_part (4, 4) would be, by length, that lie on its
+    expected edges; None if there are none. covered: what nearer objects cover in either image; segments there do not
+    count."""
     own = every = 0.0
     corners_px = pixels(frames.apply(pose, solid.corners_mm), images.geometry)
     for view, expected, corners, nearer in zip(images.views, edges, corners_px, covered, strict=True):

@@ -39,8 +39,7 @@ edges give parts with near-duplicates that differ in a side this leaves 89 right
 
 
 def by_own_edges(one: Sequence[EdgeSamples], other: Sequence[EdgeSamples]) -> float:
-    """By how many nats the edges that only one has, in either camera, speak more for it than those that only the other
-    has speak for that."""
+    """Log likelihood ratio, in nats, of two hypotheses from the edges in either camera that only one of them has."""
     return sum(_alone(a, b) - _alone(b, a) for a, b in zip(one, other, strict=True))
 
 
@@ -68,8 +67,8 @@ def cut_off(solid: Polyhedron, pose: Array, images: StereoImages) -> bool:
 def ahead_of_sizes(
     solid: Polyhedron, pose: Array, seen: Sequence[EdgeSamples], images: StereoImages, tolerance_mm: float
 ) -> float:
-    """By how many nats what both cameras show at a pose (4, 4) speaks more for a part than for the same part longer or
-    shorter there, whichever is nearest to it."""
+    """Log likelihood ratio, in nats, of a part at a pose (4, 4) against the same part longer or shorter, whichever is
+    nearest, from both cameras."""
     sizes = in_sizes(solid)
     laid = SolidBatch.of(sizes)
     both = edge_samples_of(laid, images, pose[None].repeat(len(sizes), 0), tolerance_mm)

@@ -33,8 +33,8 @@ may be."""
 
 
 def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[SeenCircle], tolerance_mm: float) -> float:
-    """By how many nats circles that both cameras see speak against the taught radii of the arcs in a part's outline, at
-    cyclopean_from_part (4, 4): edges are drawn to their places one by one, and a pose gives way to a few per cent of a
+    """Log likelihood ratio, in nats, of circles that both cameras see against the taught radii of the arcs in a part's
+    outline, at cyclopean_from_part (4, 4): edges are fitted one by one, and a pose gives way to a few per cent of a
     radius."""
     nats = 0.0
     for rim in rims_of(solid):
@@ -56,8 +56,8 @@ def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[SeenCirc
 
 
 def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:
-    """By how many nats the edges that both cameras observed speak more for a part of another size along or across one
-    of its directions than for the taught one, at cyclopean_from_part (4, 4); 0 where none was measured."""
+    """Log likelihood ratio, in nats, of another size along or across one direction of the part against the taught size,
+    from edges that both cameras observed, at cyclopean_from_part (4, 4); 0 where none was measured."""
     lines = [seen for seen in observed if seen.sides is not None and len(seen.off)]
     if not lines:
         return 0.0

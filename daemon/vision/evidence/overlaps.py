@@ -27,8 +27,8 @@ rim of a table or a shadow, which costs a search."""
 def without_overlaps(
     found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, images: StereoImages
 ) -> tuple[tuple[Recognised, ...], FacetView]:
-    """What was found with more named parts, those left out that lie where one was named; and the view with the groups
-    and refused outlines that are left.
+    """Merge newly named parts into the result; drop what overlaps a named part, and from the view the groups and
+    refused outlines that it explains.
 
     What lies where a part was named by its edges is that part's, and so is a lone facet in front of any named part: one
     that two patterns make by chance is likelier than a part of which one facet shows.

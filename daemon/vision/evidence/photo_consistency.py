@@ -63,8 +63,8 @@ def face_consistency(
 
 
 def print_apart_px(solid: Polyhedron, pose: Array, images: StereoImages) -> float:
-    """By how many px along epipolar lines print lies apart in the cameras from where a part's edges, at a pose (4, 4),
-    have it; 0 where it agrees, or where nobody can tell."""
+    """Disparity difference, px, between print on the faces of a part and its edges at a pose (4, 4); 0 if they agree,
+    or if nothing can be said."""
     here = face_consistency(solid, pose, images)
     if here is None or not NEARLY < here < AGREES:
         return 0.0

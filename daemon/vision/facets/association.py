@@ -139,8 +139,7 @@ def _denies(others: list[Array], outline: Array, viewpoint: Array) -> bool:
 
 
 def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
-    """The sets of facets that hang together: whose marks, of corners and of groups that they were seen in, have one in
-    common."""
+    """Connected components of facets that share a mark: a corner, or a group in a look."""
     return connected(np.array([[one is other or not one.isdisjoint(other) for other in marks] for one in marks], bool))
 
 

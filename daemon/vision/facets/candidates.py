@@ -114,8 +114,9 @@ def _agreement(a: Fitted, b: Fitted) -> float:
 def choose(
     candidates: list[Candidate], settings: VisionSettings
 ) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
-    """Of candidates that cover each other in either camera, the worthiest, one with arcs before one whose sides are all
-    straight; and those refused, with the reason: one that is not flat is two facets."""
+    """Non-maximum suppression: of candidates that overlap in either camera keep the one with the highest score, one
+    with arcs before one whose sides are all straight; and those refused, with the reason: one that is not flat is two
+    facets."""
     chosen, refused = list[Candidate](), list[tuple[Candidate, str]]()
     for c in sorted(candidates, key=lambda c: (not c.facet.arcs, -c.worth)):
         if _flatness_sigmas(c.facet) > settings.planarity_sigmas:

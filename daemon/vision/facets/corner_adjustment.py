@@ -23,7 +23,7 @@ _ROUNDS, _LINEARISED = 6, 2
 
 
 def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group:
-    """The group with its corners estimated together from the sides that its members were fitted to."""
+    """Adjust the corners of a group jointly, from the sides that its facets were fitted to."""
     solid = group.polyhedron
     corners, edges = solid.rings, solid.edges
     here, after, _ = solid.steps

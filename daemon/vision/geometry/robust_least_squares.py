@@ -53,7 +53,8 @@ def solve(
     spare: int | None = None,
     grows: bool = True,
 ) -> LeastSquaresFit:
-    """The unknowns that take blocks off (B, M, D) away, in sigmas, that move with them by rows (B, M, D, N).
+    """Solve B robust least-squares problems: the unknowns that reduce residual blocks off (B, M, D), in sigmas, of
+    which rows (B, M, D, N) are the Jacobians.
 
     use (B, M): what each block counts at most; prior (N, N) or (B, N, N): what else holds the unknowns, and towards
     (N,) or (B, N) what, in units of information; passes: how often blocks are weighed anew; outlier: sigmas off at
@@ -86,8 +87,8 @@ def robust_weight(miss: Real, outlier: float = OUTLIER) -> Array:
 
 
 def excess_of(miss: Array, trust: Array, size: int, spare: float) -> Array:
-    """(B,) by how much chi-squares (B, M) of blocks of so many residuals, trusted so much (B, M), exceed what their
-    doubt says on average, where unknowns take up so many."""
+    """(B,) reduced chi-square, at least 1: by how much chi-squares (B, M) of blocks of so many residuals, trusted so
+    much (B, M), exceed what their sigmas predict, given so many unknowns."""
     return np.asarray((miss * trust).sum(1) / np.maximum(size * trust.sum(1) - spare, 1.0))
 
 

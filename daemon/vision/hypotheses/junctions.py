@@ -200,7 +200,7 @@ def _rounded_pairs(solid: Polyhedron) -> Array:
 
 
 def _turned_apart(points: Array, motions: Array) -> Array:
-    """Of triples of points (N, 3, 3) those that no motion (S, 4, 4) lays onto an earlier one."""
+    """Remove triples of points (N, 3, 3) that a symmetry (S, 4, 4) maps onto an earlier one."""
     moved = points @ motions[:, None, :3, :3].swapaxes(2, 3) + motions[:, None, None, :3, 3]
     kept = list[int]()
     for k in range(len(points)):

@@ -113,7 +113,7 @@ def prepare(model: Model) -> None:
 
 
 def hypotheses_from_facets(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By facets that have no name, where they are asked by themselves."""
+    """Hypotheses from unnamed facets, where these are tried by themselves."""
     if not search.uncluttered or spent() > SEARCHED:
         return RankedHypotheses([], 0)
     posed, hinges = _by_facets(search)
@@ -178,8 +178,8 @@ def _likeliest(
     spent: Callable[[], float],
     further: Array | float = 0.0,
 ) -> RankedHypotheses:
-    """Those of many poses for which most speaks, segments and further nats (G,), each turned about its hinge (G, 2, 3)
-    to where most does."""
+    """Keep the poses with most evidence, segments and further nats (G,), each turned about its hinge (G, 2, 3) to its
+    best angle."""
     geometry, maps, further = search.images.geometry, search.maps, np.broadcast_to(further, len(posed.part))
     good, by_glance = promising(posed, geometry, maps, further)
     good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]

@@ -141,7 +141,7 @@ def without_name(one: Recognised, why: str, confidence: float, model: Model) -> 
 
 def standing(group: Group, model: Model) -> tuple[CandidatePose, ...]:
     """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
-    is that of something not taught."""
+    is that of an untaught part."""
     seen = _typed(group, model)
     fits = [h for h in _proposed(seen, model)[1] if _stands(h, seen.group)]
     chances = weighed(seen.group.polyhedron, fits, model) if fits else []
@@ -197,8 +197,8 @@ def _doubted(facet: Facet) -> Facet:
 
 
 def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[FacetHypothesis, ...]]:
-    """What the memory recalls, and those of its ways that could be, each in its best pose; where none stands that
-    agrees within the errors, of what the vigilance lets by."""
+    """Recall taught views for this group and fit each, at vigilance 1 first; if none agrees within the errors, at the
+    model's own vigilance."""
     solid, tolerance = seen.group.polyhedron, model.parameters.tolerance_mm
     if len(seen.group.facets) == 1:
         return (), fitted(solid, model.metric, lone_ways(solid, model.metric), tolerance)

@@ -202,12 +202,13 @@ def _supported(found: Located) -> bool:
 def fit_at(
     shape: Polyhedron, images: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
-    """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
-    it; and those edges. samples: what stretches show at the pose, where that was asked already.
+    """Refine a pose cyclopean_from_part (4, 4) that is right to about a pixel; return the fit, as settled() has it, and
+    the measured edges. samples: of the stretches at the pose, if already taken.
 
     Print beside edges leads lines astray, from one measurement to the next all the way to another minimum; of stretches
     by themselves most stay on their edges, so that these hold the part where they have it. A part that its lines lead
-    farther than PRIOR allows, or out of both pictures, stays at the pose."""
+    farther than PRIOR allows, or out of both pictures, stays at the pose.
+    """
     laid = SolidBatch.of([shape])
     known = samples or edge_samples_of(laid, images, pose[None], tolerance_mm)
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in known), np.zeros((6, 6)))
@@ -232,8 +233,8 @@ def fit_at(
 
 
 def settled(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
-    """The pose of a part that is mostly where it is thought to be, near (4, 4) cyclopean_from_part, and may be some
-    reach_mm off, by all that its edges, arcs and rims show; None where they do not bear it out."""
+    """Refine a pose cyclopean_from_part (4, 4) that is probably right but may be off by up to reach_mm, by edges, arcs
+    and rims; None if the images do not confirm it."""
     fit = _settled(shape, images, near)
     if fit is None and (found := locate(shape, images, near, reach_mm)) is not None:
         fit = _settled(shape, images, found.pose)
@@ -322,8 +323,8 @@ def _mostly_in(ring_px: Array, images: StereoImages) -> bool:
 
 
 def clear_share(found: Located, images: StereoImages) -> float:
-    """Of the length of all edges in both cameras, that of those on their place that stand out from the shading and the
-    grain beside them."""
+    """Fraction of the edge length in both cameras that is found in place and stands out from the shading and the grain
+    beside it."""
     good = [_clear(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
     return _share(found.observed, good)
 
