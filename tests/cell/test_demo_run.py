@@ -19,6 +19,7 @@ from daemon.cli import demo as job
 from daemon.ctl import main as facetctl
 from daemon.store.recovery_state import FILE, left_behind
 from tests.fakes.once import made_once
+from tests.fakes.waiting import PATIENCE_S
 
 AT_MOST_S = 300.0
 """How long the demo takes on a slow and busy computer."""
@@ -100,7 +101,7 @@ def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run_and_nothing_to
     while "teaching" not in process.stdout.readline():
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, error) == (1, "")
     (run,) = (tmp_path / "runs").iterdir()
     assert json.loads((run / "run.jsonl").read_text().splitlines()[-1])["kind"] == "run_end"

@@ -32,7 +32,7 @@ def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -
             return "waits"
         return "goes"
 
-    return asyncio.run(told())
+    return lived(told())
 
 
 def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
@@ -114,7 +114,7 @@ def test_a_move_has_expired_only_where_nobody_answered_in_time_and_nobody_took_i
         lambda answer: answer.set_exception(UnansweredError("nobody")): True,
         lambda answer: answer.cancel(): False,
     }
-    assert [asyncio.run(story(become)) for become in expired] == list(expired.values())
+    assert [lived(story(become)) for become in expired] == list(expired.values())
 
 
 def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:

@@ -25,6 +25,7 @@ from daemon.cell.own_cells import LINUXCNC as BACKEND
 from daemon.store.yamlfile import ConfigError
 from drivers.linuxcnc.shell import RemoteShell, ShellError
 from drivers.puma560 import ArmGeometry
+from tests.fakes.waiting import PATIENCE_S
 from tests.unit.cell.test_backends import configured
 
 ZEROS_DEG = (24.0, 91.0, -214.0, -12.0, -40.0, 32.0)
@@ -100,7 +101,7 @@ def lived(story: Callable[[LinuxCNC, LinuxcncArm], Awaitable[None]], opened: boo
             server.close()
             await there.left.wait()
 
-    asyncio.run(asyncio.wait_for(whole(), 20.0))
+    asyncio.run(asyncio.wait_for(whole(), PATIENCE_S))
 
 
 async def moved(
@@ -306,7 +307,7 @@ def test_a_shell_that_is_not_there_refuses_or_says_nothing_is_told() -> None:
         with pytest.raises(ShellError, match="does LinuxCNC run"):
             await shell.open("facetd", "x")
 
-    asyncio.run(asyncio.wait_for(story(), 20.0))
+    asyncio.run(asyncio.wait_for(story(), PATIENCE_S))
 
 
 def test_a_cell_with_linuxcnc_is_configured_checked_and_built(tmp_path: Path) -> None:

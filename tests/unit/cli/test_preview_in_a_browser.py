@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from daemon.store import folders
-from tests.fakes.waiting import until
+from tests.fakes.waiting import PATIENCE_S, until
 
 SCENES = folders.HOUSE / "tests/data/scenes"
 PICTURE = """
@@ -69,5 +69,5 @@ def test_the_stream_moves_has_the_facets_drawn_in_and_ends_with_control_c(
     assert until(lambda: said.text.startswith("recorded pairs from")), said.text
     assert [entry["message"] for entry in browser.get_log("browser")] == []
     program.send_signal(signal.SIGINT)
-    assert program.wait(30) == 0
+    assert program.wait(PATIENCE_S) == 0
     assert program.communicate() == ("", "")

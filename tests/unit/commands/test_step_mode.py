@@ -13,7 +13,7 @@ from daemon.arm.permit import MotionPermit
 from daemon.commands import step_mode
 from daemon.commands.step_mode import with_questions
 from daemon.console.notices import Notices
-from tests.fakes.waiting import until_so
+from tests.fakes.waiting import PATIENCE_S, until_so
 
 
 class Asked:
@@ -62,6 +62,6 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
         await until_so(lambda: len(frontend.questions) >= 2)
         assert hold.waiting is not None, "nobody was asked about it"
         frontend.questions[1].set_result("y")
-        await asyncio.wait_for(motion, 5)
+        await asyncio.wait_for(motion, PATIENCE_S)
 
-    asyncio.run(asyncio.wait_for(play(), 30))
+    asyncio.run(asyncio.wait_for(play(), PATIENCE_S))

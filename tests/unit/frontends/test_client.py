@@ -269,7 +269,7 @@ def test_a_stop_that_is_answered_late_is_shown_and_its_status_says_that_it_was_l
     monkeypatch.setattr(client, "LATE_ANSWER_S", 20.0)
     hung.answers["stop"] = [DONE]
     told = threading.Event()
-    hung.before_answering = lambda: told.wait(20)
+    hung.before_answering = lambda: told.wait(PATIENCE_S)
     said: list[str] = []
 
     def say(text: str) -> None:

@@ -407,11 +407,11 @@ def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkey
         monkeypatch.setattr(sys, "stdin", stdin)
         lines = InputLines(stops.put, print)
         os.write(master, b"y\nSTOP!\n")
-        assert stops.get(timeout=10.0) == "STOP!"
+        assert stops.get(timeout=PATIENCE_S) == "STOP!"
         type_at_questions(monkeypatch, lambda text: os.write(master, text.encode()), "y\n", "halt\n", "\n")
         for answer in ("y", "", ""):
             assert lines.answer("Everybody out of the arm's reach? [y/n]") == answer
-        assert stops.get(timeout=10.0) == "halt"
+        assert stops.get(timeout=PATIENCE_S) == "halt"
         lines.close()
     os.close(master)
 
@@ -484,7 +484,7 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
         monkeypatch.setattr(keyboard, "_may_read_lines", gives_lines)
         lines = InputLines(nobody_stops, print)
         os.write(master, b"]\n")
-        assert taken.wait(10.0)
+        assert taken.wait(PATIENCE_S)
         ending = threading.Thread(target=lines.close, daemon=True)
         ending.start()
         ending.join(5.0)

@@ -19,6 +19,7 @@ from daemon.frontends.client import DaemonLink
 from daemon.frontends.rights import Rights
 from daemon.frontends.socket_server import LONGEST_FILE, SocketServer
 from tests.fakes.fake_context import fake_context
+from tests.fakes.waiting import PATIENCE_S
 
 
 async def digest(_: Any, words: list[str], frontend: Frontend) -> CommandResult:
@@ -39,7 +40,7 @@ def said(folder: Path, use: Callable[[Path], Any]) -> Any:
         server = SocketServer(folder / "s", Rights(ConsoleSettings()), console, no_interrupt)
         await server.open()
         try:
-            return await asyncio.wait_for(asyncio.to_thread(use, folder / "s"), 20)
+            return await asyncio.wait_for(asyncio.to_thread(use, folder / "s"), PATIENCE_S)
         finally:
             await server.close()
 

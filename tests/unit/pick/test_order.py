@@ -12,7 +12,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick.outcome import CycleEnd
 from drivers.simcell import parts
 from tests.fakes.fake_cell import World, cycle_of
-from tests.fakes.waiting import until_so
+from tests.fakes.waiting import PATIENCE_S, until_so
 
 SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
 
@@ -102,7 +102,7 @@ def test_an_auto_that_waits_for_parts_is_over_as_soon_as_it_is_told_off() -> Non
         while not world.said("cycle_end"):
             await asyncio.sleep(0)
         cycle.auto_off()
-        await asyncio.wait_for(task, 5.0)
+        await asyncio.wait_for(task, PATIENCE_S)
         await cycle.go("home")
 
     asyncio.run(scene())

@@ -22,6 +22,7 @@ import yaml
 from daemon.store import folders
 from drivers.puma560 import NEST_RAD, READY_RAD, forward
 from drivers.val2.location import Location, apart, location_from_matrix
+from tests.fakes.waiting import PATIENCE_S
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?")
 SILENCE_S = 0.1
@@ -91,7 +92,7 @@ class Program:
     def ends(self, by: int = signal.SIGTERM) -> int:
         if self.process.poll() is None:
             self.process.send_signal(by)
-        self.process.communicate(timeout=10)
+        self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode
 
 
@@ -230,7 +231,7 @@ def test_a_stale_link_is_replaced_and_a_file_is_not(path: Path) -> None:
 
 def test_a_path_that_cannot_be_made_is_told_in_one_line(tmp_path: Path) -> None:
     program = Program(tmp_path / "no" / "such" / "folder")
-    _, said = program.process.communicate(timeout=10)
+    _, said = program.process.communicate(timeout=PATIENCE_S)
     assert program.process.returncode == 2
     assert said.count("\n") == 1
     assert "--pty" in said
@@ -239,7 +240,7 @@ def test_a_path_that_cannot_be_made_is_told_in_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", ["0", "-1", "fast", "nan"])
 def test_a_time_scale_that_makes_no_sense_is_refused(path: Path, scale: str) -> None:
     program = Program(path, "--time-scale", scale)
-    program.process.communicate(timeout=10)
+    program.process.communicate(timeout=PATIENCE_S)
     assert program.process.returncode == 2
 
 
@@ -266,7 +267,7 @@ def test_a_cell_s_file_says_which_arm_and_how_it_speaks_and_at_another_speed_not
 
 def test_a_cell_s_file_that_cannot_be_used_is_told_in_one_line(path: Path, tmp_path: Path) -> None:
     program = Program(path, "--truth", str(tmp_path / "none.yaml"))
-    _, said = program.process.communicate(timeout=10)
+    _, said = program.process.communicate(timeout=PATIENCE_S)
     assert program.process.returncode == 2
     assert "none.yaml: cannot be read" in said
     assert said.count("\n") == 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -42,9 +44,13 @@ def fits(seen: Polyhedron, model: Model) -> list[FacetHypothesis]:
 
 
 BRICK = block(40, 52, 66)
-OTHERS = [block(20 + k, 30 + 2 * k, 90 - k) for k in range(15)]
 CORNER, PAIR = [0, 2, 4], [0, 2]
 """Facets of a box that meet in a corner, and in an edge."""
+
+
+@cache
+def among_others() -> Model:
+    return knows(BRICK, *(block(20 + k, 30 + 2 * k, 90 - k) for k in range(15)))
 
 
 def chance(seen: Polyhedron, model: Model) -> float:
@@ -58,7 +64,7 @@ def test_a_fit_of_well_measured_corners_is_proof() -> None:
 
 
 def test_corners_that_are_unsure_fit_anything_and_prove_nothing() -> None:
-    model = knows(BRICK, *OTHERS)
+    model = among_others()
     sure, unsure, blind = (view(BRICK, PAIR, sigma_mm) for sigma_mm in (0.2, 3.0, 12.0))
     told = [probability(seen, fits(seen, model), model)["part 0"] for seen in (sure, unsure, blind)]
     assert told[0] > 0.999 > told[1] > 0.9 > told[2]
@@ -67,7 +73,7 @@ def test_corners_that_are_unsure_fit_anything_and_prove_nothing() -> None:
 
 def test_what_could_have_fitted_by_chance_grows_with_the_parts_that_were_taught() -> None:
     seen = view(BRICK, PAIR, 0.5)
-    alone, among = chance(seen, knows(BRICK)), chance(seen, knows(BRICK, *OTHERS))
+    alone, among = chance(seen, knows(BRICK)), chance(seen, among_others())
     assert among == pytest.approx(16 * alone, rel=0.05)
 
 
