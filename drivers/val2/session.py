@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 
 from drivers.ledger import Ledger
 from drivers.val2 import commands
-from drivers.val2.conversation import A_PROMPT, ControllerAnswer, Conversation, LinePermit
+from drivers.val2.conversation import A_PROMPT, POISON, ControllerAnswer, Conversation, LinePermit
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -34,6 +34,8 @@ QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
 CONFIRMS = "are you sure"
 """The controller's question that confirms a command; if it is open when the line is opened, an earlier user typed the
 command."""
+MARKER = POISON.decode() + "0"
+"""A line that no controller accepts. A person may type POISON."""
 
 
 class LineSession:
@@ -165,16 +167,27 @@ class LineSession:
                     await self._clear_after_person(talk)
 
     async def _clear_after_person(self, talk: Conversation) -> None:
-        within_s = 3 * self.dialect.resync_s + self.dialect.table_s
+        """Get to a prompt behind all answers to the person, however late they come. Raises Busy, NoAnswer."""
+        within_s = 3 * (self.dialect.resync_s + self.dialect.table_s)
         try:
             async with asyncio.timeout(within_s):
-                talk.unheard()  # drop the answers to the person
-                await self.find_prompt(talk)
-                await asyncio.sleep(self.dialect.prompt_silence_s)
-                while talk.unheard():  # and those that were still on their way
-                    await asyncio.sleep(self.dialect.prompt_silence_s)
+                while not await self._refuses_marker(talk):
+                    pass
         except TimeoutError:
             raise Busy(f"a program printed for {within_s:.1f} s after the terminal was left") from None
+
+    async def _refuses_marker(self, talk: Conversation) -> bool:
+        """Whether the controller refuses a line that only facetd types, so that it has answered all lines before; or
+        asks a question. Raises NoAnswer."""
+        talk.unheard()
+        await self.find_prompt(talk)
+        if self.question is not None:
+            return True
+        try:
+            answer = await talk.ask(MARKER, (), self.dialect.table_s)
+        except (Garbled, NoAnswer):
+            return False
+        return answer.errors != ()
 
     async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[LineEvent]:
         """Get to the prompt, or to the controller's question (then in `question`). Raises NoAnswer. talk: the present

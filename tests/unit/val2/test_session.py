@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from daemon.arm.permit import MotionPermit
 from drivers.ledger import Ledger
@@ -18,6 +22,14 @@ from tests.fakes.in_time import lived
 from tests.unit.val2.test_link_scripted import table
 
 PROMPT = b"\r\n."
+ASKS = b"\r\nAre you sure (Y/N)? "
+ANSWERS = {
+    b"WHERE": table().encode(),
+    b"STATUS": b"\r\nMonitor speed 9" + PROMPT,
+    b"CAL": ASKS,
+    **dict.fromkeys((b"", b"SPEED 9", b"N"), PROMPT),
+}
+REFUSAL = b"\r\n*Illegal command*"
 
 
 class Wire:
@@ -135,22 +147,70 @@ def test_a_question_that_came_while_nobody_listened_keeps_the_line_until_it_is_a
     lived(story())
 
 
-def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours() -> None:
+class InTurn(Wire):
+    """A controller that echoes and answers what is typed, key by key in turn, and is busy before some of the keys."""
+
+    def __init__(self, busy_s: Mapping[int, float] = MappingProxyType({}), echo: bool = True) -> None:
+        """busy_s: for how long before it reads which key, counted from 0."""
+        super().__init__()
+        self.session.dialect = self.session.talk.dialect = Dialect(echo=echo)
+        self._busy_s, self._echo, self._free_s, self._line = busy_s, echo, 0.0, b""
+        self._asked = PROMPT
+
+    def write(self, data: bytes) -> None:
+        """See Port."""
+        for key in (bytes([byte]) for byte in data):
+            said = key * self._echo
+            if key == b"\x15":
+                self._line, said = b"", self._asked
+            elif key == b"\r":
+                said, self._line = ANSWERS.get(self._line, REFUSAL + PROMPT), b""
+                self._asked = said if said == ASKS else PROMPT
+            else:
+                self._line += key
+            self._free_s = max(self._free_s, self.loop.time()) + self._busy_s.get(len(self.sent), 0.001)
+            self.sent += key
+            self.loop.call_at(self._free_s, self.hear, said)
+
+
+@pytest.mark.parametrize(
+    ("echo", "typed"), [(True, b"FOO\x15!!\rSTATUS\rWHERE\rSPEED 9\r"), (False, b"STATUS\rWHERE\rSPEED 9\r")]
+)
+@example(busy_s={20: 0.3})
+@example(busy_s={4: 0.05, 6: 0.5})
+@given(busy_s=st.dictionaries(st.integers(0, 20), st.floats(0.0, 0.7), max_size=4))
+def test_however_late_a_person_s_lines_are_answered_nobody_is_blamed_once_they_have_left(
+    echo: bool, typed: bytes, busy_s: dict[int, float]
+) -> None:
+    """The prompt of one line was taken for the last: the next answer was somebody else's."""
+
     async def story() -> None:
-        wire, shown = Wire(), bytearray()
+        wire, shown = InTurn(busy_s, echo), bytearray()
         async with wire.session.terminal(shown.extend) as type_in:
-            type_in(b"FOO\r")
-            wire.answers = [
-                (0.001, PROMPT),
-                (0.03, b"\r\n*Illegal command*\r\n."),
-                (0.07, b"\r\n*Illegal command*\r\n."),
-            ]
+            type_in(typed)
         heard = bytes(shown)
-        await asyncio.sleep(0.2)
-        async with wire.session.turn():
-            assert wire.sent == b"FOO\r\x15"
-        wire.hear(b"no more of it")
+        for _ in range(3):
+            async with wire.session.turn() as talk:
+                assert (await talk.ask("SPEED 9", (), 1.0)).errors == ()
+            await asyncio.sleep(1.0)
         assert bytes(shown) == heard, "whoever left is shown nothing more"
+
+    lived(story())
+
+
+@pytest.mark.parametrize(
+    ("typed", "left", "sent"), [(b"CAL\rN\r", None, b"\x15!!0\r"), (b"CAL\r", "Are you sure (Y/N)?", b"\x15")]
+)
+def test_of_what_a_person_was_asked_only_what_they_left_open_is_a_question_and_no_line_answers_it(
+    typed: bytes, left: str | None, sent: bytes
+) -> None:
+    async def story() -> None:
+        wire = InTurn()
+        async with wire.session.terminal(lambda _: None) as type_in:
+            for line in typed.splitlines(keepends=True):
+                type_in(line)
+                await asyncio.sleep(0.1)
+        assert (wire.session.question, wire.sent) == (left, typed + sent)
 
     lived(story())
 
@@ -211,7 +271,7 @@ def test_where_somebody_changed_the_port_s_settings_who_has_the_line_and_who_wai
 
 def test_a_stop_and_a_person_at_the_terminal_keep_the_line_where_somebody_changed_the_port_s_settings() -> None:
     async def story(stops: bool) -> None:
-        wire = Wire()
+        wire = InTurn()
         session = wire.session
 
         async def lets_go_late() -> None:
@@ -222,7 +282,6 @@ def test_a_stop_and_a_person_at_the_terminal_keep_the_line_where_somebody_change
             holding = asyncio.ensure_future(lets_go_late())
             await asyncio.sleep(0.1)
         async with session.preemption() if stops else session.terminal(lambda _: None):
-            wire.answers = [(0.001, PROMPT)]
             wire.lose(Disturbed("stty"))
             session.talk.check()
         if stops:
@@ -271,13 +330,12 @@ def test_who_waited_through_a_preemption_never_has_the_line_and_who_asks_in_it_h
 
 def test_a_person_who_comes_in_a_preemption_waits_for_its_end_and_is_then_shown_what_comes() -> None:
     async def story() -> None:
-        wire, shown = Wire(), bytearray()
+        wire, shown = InTurn(), bytearray()
 
         async def person() -> float:
             async with wire.session.terminal(shown.extend):
                 came_s = wire.loop.time()
                 wire.hear(b"\r\nhello\r\n")
-                wire.answers = [(0.001, PROMPT)]
             return came_s
 
         async with wire.session.preemption():
@@ -285,21 +343,6 @@ def test_a_person_who_comes_in_a_preemption_waits_for_its_end_and_is_then_shown_
             await asyncio.sleep(2.0)
         assert await coming >= 2.0
         assert b"hello" in shown
-
-    lived(story())
-
-
-def test_the_prompt_that_a_person_leaves_behind_is_not_the_one_that_is_sought_then() -> None:
-    async def story() -> None:
-        wire = Wire()
-        began_s = wire.loop.time()
-        async with wire.session.terminal(lambda _: None):
-            wire.hear(b"\r\n*Illegal command*\r\n.")
-            await asyncio.sleep(0.1)
-            wire.answers = [(0.5, PROMPT)]
-        assert wire.loop.time() - began_s > 0.6
-        async with wire.session.turn() as talk:
-            assert talk.unheard() == []
 
     lived(story())
 
