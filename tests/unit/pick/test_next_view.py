@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import chdtri
 
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import find
 from daemon.pick.next_view import (
+    CLOSE_MM,
     IN_TABLE_MM,
+    UNLIKE,
     PartHypothesis,
     area_vector,
     entropy,
@@ -29,7 +32,7 @@ from daemon.pick.next_view import (
     ranked,
     shown,
 )
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Polyhedron, corner_covariance, exact
 from daemon.vision.values import UNKNOWN
 from tests.fakes import drawn
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, rig
@@ -125,6 +128,25 @@ def test_facets_about_one_middle_are_one_only_where_their_corners_are() -> None:
             for h, own in (by_label[str(k)] for k in range(4))]  # fmt: skip
     assert tops[0] == tops[1]
     assert len(set(tops)) == 3
+
+
+@pytest.mark.parametrize("doubt_mm", [0.0, 0.4])
+@pytest.mark.parametrize(("of_limit", "same"), [(0.98, True), (1.02, False)])
+@pytest.mark.parametrize("way", [(0.0, 0.0, 1.0), (0.6, 0.8, 0.0)])
+def test_facets_are_one_as_far_apart_as_the_cameras_and_the_doubt_of_both_places_may_set_them(
+    doubt_mm: float, of_limit: float, same: bool, way: tuple[float, float, float]
+) -> None:
+    """Of a facet with four corners all of them count: twelve coordinates, each the difference of two."""
+    camera_mm2 = np.diag(corner_covariance(rig(), CLOSE_MM)).mean()
+    limit_mm = np.sqrt(chdtri(12, UNLIKE) * 2 * (camera_mm2 + doubt_mm**2) / 4)
+    covariance = np.diag([doubt_mm**2] * 3 + [0.0] * 3)
+    apart = frames.rigid(np.eye(3), of_limit * limit_mm * np.array(way))
+    lies = {"here": turned(0), "there": apart @ turned(0)}
+    some = [PartHypothesis(name, block(), pose, covariance, (), 0.4) for name, pose in lies.items()]
+    look = outlook([*some, stranger(block(), turned(2.0), 0.2, seen=(0,))], rig())
+    here, there = (own for h, own in zip(look.hypotheses, look.numbers, strict=True) if h.label != UNKNOWN)
+    assert np.array_equal(here, there) is same
+    assert set(here.tolist()).isdisjoint(there.tolist()) is not same
 
 
 def test_a_look_that_missed_what_all_would_surely_have_shown_speaks_against_none() -> None:
