@@ -52,15 +52,14 @@ def information(setup: Setup, world_from_tools: Sequence[Array] | Array) -> tupl
     carried = poses if setup.held else frames.inverse(poses)  # from where the board rests to what carries the cameras
     some = setup.points_mm[:: max(1, len(setup.points_mm) // FEW)]
     placed = frames.apply(setup.rest, some)
-    there = np.einsum("kij,pj->kpi", carried[:, :3, :3], placed) + carried[:, None, :3, 3]
-    by_rest = np.einsum("kij,pjl->kpil", carried[:, :3, :3], frames.point_motion(placed - setup.rest[:3, 3]))
-    by_arm = frames.point_motion(placed) if setup.held else frames.point_motion(there)
-    if setup.held:
-        by_arm = np.einsum("kij,pjl->kpil", carried[:, :3, :3], by_arm)
+    turns = carried[:, None, :3, :3]
+    there = (turns @ placed[..., None])[..., 0] + carried[:, None, :3, 3]
+    by_rest = turns @ frames.point_motion(placed - setup.rest[:3, 3])
+    by_arm = turns @ frames.point_motion(placed) if setup.held else frames.point_motion(there)
     motion = np.concatenate([frames.point_motion(there - setup.mounting[:3, 3]), -by_rest, by_arm], axis=-1)
     back = setup.mounting[:3, :3].T
     seen = np.einsum("ij,kpj->kpi", back, there - setup.mounting[:3, 3])
-    motion = np.einsum("ij,kpjl->kpil", back, motion)
+    motion = back @ motion
     total, in_view = np.zeros((len(poses), 18, 18)), (seen[..., 2] > 0).all(axis=1)
     for camera in (setup.rig.left, setup.rig.right)[: setup.cameras]:
         px, slope = camera.project_with_slope(seen)

@@ -288,7 +288,7 @@ class Regrasping:
         limits = self.settings.limits
         hand = hand_of(limits)
         tools = self.table.lying @ part_from_tool[:, None]
-        heights = np.einsum("gsj,ckj->gsck", tools[..., 2, :3], hand.ends_mm) + tools[..., 2, 3, None, None]
+        heights = np.tensordot(tools[..., 2, :3], hand.ends_mm, (-1, -1)) + tools[..., 2, 3, None, None]
         lowest = heights.min(axis=-1) - hand.radius_mm + RELEASE_MM
         return np.asarray((lowest > limits.clearance_mm).all(axis=-1))
 

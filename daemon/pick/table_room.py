@@ -41,7 +41,7 @@ class Beside:
     def clear(self, tools: Array, limits: Limits) -> Flags:
         """(N,) whether the hand at (N, 4, 4) keeps off all of it: fingers, palm and cameras, not the arm behind."""
         hand = hand_of(limits)
-        ends = np.einsum("nij,ckj->ncki", tools[:, :3, :3], hand.ends_mm) + tools[:, None, None, :3, 3]
+        ends = hand.ends_mm @ np.swapaxes(tools[:, None, :3, :3], 2, 3) + tools[:, None, None, :3, 3]
         away = off_segments(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
         low = ends[..., 2].min(axis=2) - hand.radius_mm
         near = away < self.radii + hand.radius_mm[:, None] + BESIDE_MM
