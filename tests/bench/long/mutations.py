@@ -321,6 +321,7 @@ class Watch:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """In place of pytest's own."""
         assert not session.testsfailed, "a file of tests cannot be imported"
+        gc.unfreeze()  # what tests/conftest.py froze is not found by gc.get_objects
         self.then(session.items)
         return True
 
@@ -454,6 +455,7 @@ class Trials:
         while left or tried:
             while left and len(tried) < AT_ONCE:
                 mutation = left.popleft()
+                assert loaded(mutation), f"nothing to put it into, so that it would seem to live: {mutation}"
                 mine, process = _forked(partial(self._tried, mutation, self._those_of(mutation)))
                 tried[mine] = Trial(mutation, process, time.monotonic() + LEAST_S)
             for mine in wait(list(tried), 1.0):
@@ -521,18 +523,24 @@ def changed(mutation: Mutation) -> set[str]:
 
 def put_in(mutation: Mutation) -> None:
     """Change what is loaded: the code and the defaults of functions, wherever they are known."""
-    module = importlib.import_module(_module(mutation.file))
-    _, new = _both(mutation)
-    names, path = changed(mutation), str(ROOT / mutation.file)
-    codes = dict(_codes(compile(new, path, "exec")))
-    for function in [f for f in gc.get_objects() if isinstance(f, FunctionType)]:
-        if function.__code__.co_filename == path and (name := function.__code__.co_qualname) in names:
-            given = _functions_of(new)[name].args
-            function.__code__ = codes[name]
-            function.__defaults__ = tuple(_value(d, module) for d in given.defaults) or None
-            by_name = {a.arg: d for a, d in zip(given.kwonlyargs, given.kw_defaults, strict=True) if d is not None}
-            function.__kwdefaults__ = {key: _value(d, module) for key, d in by_name.items()} or None
+    module, (_, new) = importlib.import_module(_module(mutation.file)), _both(mutation)
+    codes = dict(_codes(compile(new, str(ROOT / mutation.file), "exec")))
+    for function in loaded(mutation):
+        name = function.__code__.co_qualname
+        given = _functions_of(new)[name].args
+        function.__code__ = codes[name]
+        function.__defaults__ = tuple(_value(d, module) for d in given.defaults) or None
+        by_name = {a.arg: d for a, d in zip(given.kwonlyargs, given.kw_defaults, strict=True) if d is not None}
+        function.__kwdefaults__ = {key: _value(d, module) for key, d in by_name.items()} or None
     _forget(_caches())
+
+
+def loaded(mutation: Mutation) -> list[FunctionType]:
+    """The functions that it changes, as they are loaded."""
+    importlib.import_module(_module(mutation.file))
+    path, names = str(ROOT / mutation.file), changed(mutation)
+    every = [found for found in gc.get_objects() if isinstance(found, FunctionType)]
+    return [f for f in every if f.__code__.co_filename == path and f.__code__.co_qualname in names]
 
 
 def _caches() -> list[Any]:
