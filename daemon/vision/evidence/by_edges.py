@@ -5,10 +5,9 @@ without a name, which cost little; then those from junctions that both cameras s
 those from the support plane and the junctions of one camera alone.
 
 How likely such a part is there depends on what its edges show beyond the chance of this very image, on its rest on the
-support plane, on repetition in the image, on whether its print lies on its faces, and on its
-share of what is seen there. All hypotheses that were made count against it, so that more taught parts raise the bar,
-and what only it has must tell it from every other taught part that could lie there. A named part is measured where it
-was registered: pose, facets, and the covariance of its place.
+support plane, and on repetition in the image. All hypotheses that were made count against it, so that more taught parts
+raise the bar, and what only it has must tell it from every other taught part that could lie there. A named part is
+measured where it was registered: pose, facets, and the covariance of its place.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,11 +18,10 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
-from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.near_duplicates import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
 from daemon.vision.evidence.overlaps import covered
-from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
+from daemon.vision.evidence.photo_consistency import print_apart_px
 from daemon.vision.evidence.registered import (
     BY_NATS,
     ON_TABLE,
@@ -57,15 +55,9 @@ from daemon.vision.recognition import Recognised
 from daemon.vision.refine import SCALE, facets_shown
 from daemon.vision.values import NearestGuess, Part, Recognition
 
-BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
-"""Less, the less alike its print is in both cameras, and the more of the segments where it lies are none of its edges:
-and what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where
-nothing taught lay: of these the worst then had log odds of 2.6 instead of 4.1, and three parts more had their names."""
-MOST_LIKENESS, MOST_EXPLAINED = BY_LIKENESS * (1 - USUAL_LIKENESS), BY_EXPLAINED * (1 - USUAL_EXPLAINED)
-"""What they can add at most."""
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
-"""Less, the more the picture would give the part elsewhere, from this share on: two of three true ones of those looks
-had less, the worst .74; of 151 guesses on photographed chessboards 149 had more than .72."""
+"""Log odds less, the more the picture would give the part elsewhere, from this share on: two of three true ones of 300
+looks had less, the worst .74; of 151 guesses on photographed chessboards 149 had more than .72."""
 FEWEST_TESTS = 1500
 """Guesses of each taught part that a look is taken to have made at least: what shows few edges has been chosen by where
 they are. Of 368 rendered looks without the part that lay there two were named with as many as were made, none with
@@ -338,30 +330,14 @@ def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
         beside = max(nats - MOST_NATS, 0.0)
     if facets_shown(one.solid, search.images, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
         return -np.inf
-    odds += beside
-    for term, yet in _for_and_against(one, search):
-        odds += term
-        if _probability(odds + yet) < LEAST_CONFIDENCE:
-            return -np.inf
-    return odds
+    again = self_similarity(one.solid, one.pose, search.images.geometry, search.maps[0])
+    return odds + beside - BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0)
 
 
 def _may_be_named(one: RegisteredPart, tests: int) -> bool:
     """Whether the best that could speak for a laid part besides its edges would make it sure enough for a name."""
     further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
-    return _probability(one.odds - float(np.log(tests)) + MOST_EXPLAINED + further) >= LEAST_CONFIDENCE
-
-
-def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[float, float]]:
-    """What else than its edges speaks for a laid part, or against it, in log odds, the cheapest first; and how much
-    more what follows can add."""
-    images, maps = search.images, search.maps
-    share = edge_inlier_share(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), images, one.covered)
-    yield BY_EXPLAINED * ((USUAL_EXPLAINED if share is None else share) - USUAL_EXPLAINED), MOST_LIKENESS
-    again = self_similarity(one.solid, one.pose, images.geometry, maps[0])
-    yield -BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0), MOST_LIKENESS
-    alike = face_consistency(one.solid, one.pose, images, covered=one.covered)
-    yield BY_LIKENESS * ((USUAL_LIKENESS if alike is None else max(alike, 0.0)) - USUAL_LIKENESS), 0.0
+    return _probability(one.odds - float(np.log(tests)) + further) >= LEAST_CONFIDENCE
 
 
 def _probability(log_odds: float) -> float:

@@ -106,7 +106,7 @@ def speaks_against(solid: Polyhedron, pose: Array, images: StereoImages) -> Agai
     found = _of_places(solid, pose, images, both, off_px)
     if found.duplicate < MOST_LIKELY_DUPLICATE:
         return found
-    hidden = hidden_of(solid, pose, images, both).places
+    hidden = hidden_of(solid, pose, images, both)
     if not any(hides.any() for hides in hidden):
         return found
     both = [replace(seen, visible=seen.visible & ~hides) for seen, hides in zip(both, hidden, strict=True)]

@@ -6,14 +6,13 @@ taken for, its edges end at others of the same depth, or at none.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.evidence.edge_places import EdgePlaces
-from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import LEAST_SIGMAS, CameraImage, Segments, StereoImages, levels_across, peaks, slopes_across
 
 SHORT_PX, NEAR_PX = 4.0, 6.0
@@ -33,33 +32,11 @@ _ALONG_PX = np.concatenate([np.arange(-18.0, -3.0, 1.5), np.arange(4.5, 19.0, 1.
 _ACROSS_PX = np.arange(-3.0, 3.5)
 
 
-class Hidden(NamedTuple):
-    """What something nearer hides of a part: places (L, S) on its edges, as EdgePlaces has them, and what it covers
-    about the corners of which it hides the edges; for the left and the right camera."""
-
-    places: tuple[Flags, Flags]
-    covers: tuple[Sequence[PlanarShape], Sequence[PlanarShape]]
-
-
-def hidden_of(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> Hidden:
-    """What hides a part at cyclopean_from_part (4, 4); both: what both images show along its edges."""
+def hidden_of(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> tuple[Flags, Flags]:
+    """(L, S) which places on the edges of a part at cyclopean_from_part (4, 4), as EdgePlaces have them, something
+    nearer hides from the left and the right camera; both: what both images show along its edges."""
     left, right = (hidden_places(solid, pose, images, k, one.visible, one.there) for k, one in enumerate(both))
-    return Hidden((left, right), (_covers(solid, pose, images, 0, left), _covers(solid, pose, images, 1, right)))
-
-
-def _covers(solid: Polyhedron, pose: Array, images: StereoImages, one: int, hidden: Flags) -> list[PlanarShape]:
-    """About each corner, what lies between the hidden ends of its edges."""
-    ends, count = solid.lines[0], hidden.shape[1]
-    px = images.views[one].rectified.camera.project(frames.apply(pose, solid.corners_mm))
-    found = list[PlanarShape]()
-    for corner in np.unique(ends[hidden[:, [0, -1]]]).tolist():
-        edge, end = np.nonzero((ends == corner) & hidden[:, [0, -1]])
-        from_corner = np.where(end[:, None], hidden[edge, ::-1], hidden[edge])
-        share = np.where(from_corner.all(1), count, (~from_corner).argmax(1))[:, None] / count
-        far = px[corner] + share * (px[ends[edge, 1 - end]] - px[corner])
-        if len(far) > 1:
-            found.append(PlanarShape.hull(np.vstack([px[corner], far])))
-    return found
+    return left, right
 
 
 def hidden_places(

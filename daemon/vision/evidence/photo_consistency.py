@@ -1,11 +1,9 @@
 """Whether both cameras show the same print on the faces of a part: what is flat and there looks alike in both.
 
-A guess that has the edges by chance lays its faces through thin air, and what shows there lies elsewhere in the other
-camera. Faces without print say nothing, and no more do places where a hole is in the face or the part itself is before
-it: what shows there is not flat. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
+Where it does not, and would if the faces lay nearer or farther, the calibration is off in depth. Faces without print
+say nothing, and no more do places where a hole is in the face or the part itself is before it: what shows there is not
+flat. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
-
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, clear_of, hidden, inside
+from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, hidden, inside
 from daemon.vision.image import StereoImages
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
@@ -28,16 +26,10 @@ LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
 
-def face_consistency(
-    solid: Polyhedron,
-    pose: Array,
-    images: StereoImages,
-    apart_px: float = 0.0,
-    covered: Sequence[Sequence[PlanarShape]] = ((), ()),
-) -> float | None:
+def face_consistency(solid: Polyhedron, pose: Array, images: StereoImages, apart_px: float = 0.0) -> float | None:
     """How alike the print is that both cameras show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there, along
-    epipolar lines, the cameras have it. covered: what something nearer covers, in the left and in the right image."""
+    epipolar lines, the cameras have it."""
     total = apart = count = 0.0
     most = np.array(images.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
@@ -45,10 +37,8 @@ def face_consistency(
         ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], on_face))
         borders, seen = (_seen(points, images, apart_px) for points in (ring, places))
         within = [
-            (PlanarShape.of(own).depth(px) > MARGIN_PX)
-            & ((px > 0) & (px < most)).all(1)
-            & clear_of(nearer, px, MARGIN_PX)
-            for px, own, nearer in zip(seen, borders, covered, strict=True)
+            (PlanarShape.of(own).depth(px) > MARGIN_PX) & ((px > 0) & (px < most)).all(1)
+            for px, own in zip(seen, borders, strict=True)
         ]
         keep = np.all(within, axis=0)
         if keep.sum() >= FEWEST:

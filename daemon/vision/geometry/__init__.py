@@ -25,7 +25,6 @@ from daemon.vision.geometry.polygon import (
     Rings,
     areas,
     border_loops,
-    clear_of,
     convex,
     different,
     drop_side,

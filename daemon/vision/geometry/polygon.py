@@ -285,11 +285,3 @@ def off_segments(points: Array, start: Array, end: Array) -> Array:
     way, there = end - start, points - start
     share = np.clip((there * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-12), 0.0, 1.0)
     return np.asarray(np.linalg.norm(there - share[..., None] * way, axis=-1))
-
-
-def clear_of(shapes: Sequence[PlanarShape], points: Array, margin: float) -> Flags:
-    """(N,) which points (N, 2) lie outside of all of these shapes, so far from their nearest side."""
-    clear = np.ones(len(points), bool)
-    for shape in shapes:
-        clear &= shape.depth(points) < -margin
-    return clear

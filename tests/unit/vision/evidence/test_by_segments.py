@@ -214,13 +214,6 @@ def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
     assert by_edges._undecided([strong], 1, images) == [], "this one is sure"
 
 
-def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(35.0, 0.9))
-    assert confidence(weak) > LEAST_CONFIDENCE
-    monkeypatch.setattr(by_edges, "face_consistency", lambda *_, **__: 0.2)
-    assert confidence(weak) < LEAST_CONFIDENCE - 0.2
-
-
 def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_it_has_only_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -42,7 +42,7 @@ WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
 L_BLOCK = prism(L_BASE, 40.0)
 INTO_THE_L = pose(np.array([-0.8, 0.35, 0.5]), 0.3, 330.0)
 """A leg of the L stands before some of the edges in its hollow."""
-ONE_SIDE_MORE = 32
+ONE_SIDE_MORE = 6
 """A seed of which the prism with another number of sides alone is taught."""
 STRANGERS = [
     ("mirror", 46, "stepped_wedge_b"),

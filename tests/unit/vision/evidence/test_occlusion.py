@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,9 +12,9 @@ from daemon.store.library import load_facets
 from daemon.vision.evidence import registered
 from daemon.vision.evidence.counter_evidence import MOST_LIKELY_DUPLICATE, speaks_against
 from daemon.vision.evidence.edge_places import PLACES, edge_places
-from daemon.vision.evidence.occlusion import Hidden, hidden_of, hidden_places
+from daemon.vision.evidence.occlusion import hidden_places
 from daemon.vision.evidence.registered import registered_at
-from daemon.vision.geometry import PlanarShape, exact
+from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import EdgeHypothesis, Search, edge_distances
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view
@@ -89,15 +88,6 @@ def test_the_edges_of_a_longer_part_run_on_and_hide_nothing_of_a_shorter_one() -
     assert covered < 0.1
 
 
-def test_what_covers_a_corner_is_known_as_an_area() -> None:
-    solid, images = exact(BLOCK.corners_mm, BLOCK.facets), images_of(70.0)
-    found = hidden_of(solid, WHERE, images, edge_places(solid, WHERE, images))
-    (left,) = found.covers[0]
-    px = images.left.rectified.camera.project(PLATE.corners_mm @ plate(70.0)[:3, :3].T + plate(70.0)[:3, 3])
-    drawn = PlanarShape.of(cv2.convexHull(px.astype(np.float32))[:, 0])
-    assert left.common(drawn) > 0.8 * left.area
-
-
 @pytest.mark.parametrize("aside_mm", [0.0, 150.0, -150.0, 400.0])
 def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm: float) -> None:
     images, model = images_of(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
@@ -118,7 +108,7 @@ def test_of_a_part_outside_a_picture_nothing_is_left_out(monkeypatch: pytest.Mon
     images, model = images_of(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
     search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
     everything = np.ones((len(model.metric["block"].solid.lines[0]), PLACES), bool)
-    monkeypatch.setattr(registered, "hidden_of", lambda *_: Hidden((everything, everything), ((), ())))
+    monkeypatch.setattr(registered, "hidden_of", lambda *_: (everything, everything))
     (laid,) = registered_at(search, [EdgeHypothesis("block", WHERE + OUTSIDE)])
     assert [len(seen.visible) for seen in laid.without_hidden(images).seen] == [0, 0]
 

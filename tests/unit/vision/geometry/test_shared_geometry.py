@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.geometry import PlanarShape, circle_along, clear_of, exact, off_segments, onto_circles
+from daemon.vision.geometry import circle_along, exact, off_segments, onto_circles
 from tests.fakes.solids import prism
 
-SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 SOMEWHERE = st.tuples(st.floats(-30, 30), st.floats(-30, 30)).map(np.array)
 
 
@@ -22,14 +21,6 @@ def test_a_point_is_as_far_from_a_segment_as_from_the_nearest_of_many_places_on_
     places = start + np.linspace(0, 1, 2001)[:, None] * (end - start)
     nearest = np.linalg.norm(places - point, axis=1).min()
     assert off_segments(point, start, end) == pytest.approx(nearest, abs=0.05)
-
-
-def test_what_is_clear_of_shapes_is_outside_of_each_by_the_margin() -> None:
-    points = np.array([[5.0, 5.0], [-1.0, 5.0], [-3.0, 5.0], [12.5, 5.0], [20.0, 5.0], [5.0, 12.5]])
-    shapes = [PlanarShape.of(SQUARE), PlanarShape.of(SQUARE + np.array([15.0, 0.0]))]
-    assert clear_of(shapes, points, 2.0).tolist() == [False, False, True, True, False, True]
-    assert clear_of(shapes, points, 2.6).tolist() == [False, False, True, False, False, False]
-    assert clear_of([], points, 2.0).all()
 
 
 def test_a_circle_seen_along_its_axis_has_its_radius_and_a_point_of_the_axis() -> None:
