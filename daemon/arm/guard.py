@@ -105,11 +105,11 @@ Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
 
 
 def _fault_stands(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
-    return f"the fault {state.fault!r} stands until `resume`" if state.fault is not None else None
+    return f"a fault is active ({state.fault}): `resume` first" if state.fault is not None else None
 
 
 def _not_enabled(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
-    return None if state.enabled else "the arm is not enabled: say `enable`"
+    return None if state.enabled else "the arm is not enabled: type `enable`"
 
 
 def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None:
@@ -121,7 +121,7 @@ def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None
 
 
 def _arm_lost(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
-    return "it is not known where the arm is: ask `where` first" if state.at is None else None
+    return "the position of the arm is unknown: type `where` first" if state.at is None else None
 
 
 def _outside_workspace(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
@@ -151,23 +151,28 @@ def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | Non
     worst = int(gaps.argmin())
     if gaps[worst] < 0.0:
         if not np.isnan(body.level_mm[worst]):
-            return f"the {body.names[worst]} would be {-gaps[worst]:.1f} mm below what it is to rest on"
+            return f"the {body.names[worst]} would be {-gaps[worst]:.1f} mm below the surface that it is to rest on"
         lowest = gaps[worst] + limits.clearance_mm
         what = PERHAPS_HELD if body.names[worst] == PERHAPS_HELD else "the tool"
-        return f"{what} would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
+        return f"{what} would come to {lowest:.1f} mm above the table; at least {limits.clearance_mm:g} mm are needed"
     return None
 
 
 def _step_too_long(command: MoveCommand, state: ArmState, limits: Limits) -> str | None:
     assert state.at is not None
     step = float(np.linalg.norm(command.world_from_tool[:3, 3] - state.at[:3, 3]))
-    return f"a step of {step:.1f} mm, {limits.max_step_mm:g} is the most" if step > limits.max_step_mm else None
+    if step > limits.max_step_mm:
+        return f"a move of {step:.1f} mm; the limit is {limits.max_step_mm:g} mm (pick.limits.max_step_mm)"
+    return None
 
 
 def _turn_too_far(command: MoveCommand, state: ArmState, limits: Limits) -> str | None:
     assert state.at is not None
     turn = float(np.degrees(frames.angle_between(state.at, command.world_from_tool)))
-    return f"a turn of {turn:.1f} degrees, {limits.max_turn_deg:g} is the most" if turn > limits.max_turn_deg else None
+    if turn > limits.max_turn_deg:
+        most = f"{limits.max_turn_deg:g} degrees (pick.limits.max_turn_deg)"
+        return f"a rotation of {turn:.1f} degrees; the limit is {most}"
+    return None
 
 
 def _too_fast(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
@@ -180,7 +185,7 @@ def _stale_look(command: MoveCommand, state: ArmState, limits: Limits) -> str | 
         return None
     age = state.now_s - command.look_taken_s
     if not 0 <= age <= limits.max_look_age_s:
-        return f"the look behind it is {age:.1f} s old, {limits.max_look_age_s:g} is the most"
+        return f"it was computed from a look that is {age:.1f} s old; the limit is {limits.max_look_age_s:g} s"
     return None
 
 

@@ -131,7 +131,7 @@ class Hold:
         try:
             if not await waiting.answer:
                 what, _, _ = text.partition(", from here ")  # the distance helped to decide; it is no reason
-                raise OperatorRefusedError(f"the operator refused: {what}")
+                raise OperatorRefusedError(f"somebody answered no to: {what}")
         finally:
             self.waiting = None
             if expires is not None:

@@ -448,8 +448,8 @@ class Mover:
             self.beliefs.void(VoidingEvent.MOVED_BY_OTHERS)
             by = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
             raise MovedByOthersError(
-                f"{doing}: since it came to rest somebody else moved the arm, {by} (its pendant, another terminal?); "
-                "nothing was sent"
+                f"{doing}: somebody else moved the arm after it came to rest, {by} (with the pendant, or from another "
+                "terminal?); facetd sent nothing. Look at the arm, then `resume`"
             )
 
     def _check_gripper_permitted(self) -> None:
@@ -461,7 +461,7 @@ class Mover:
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Log a refusal and return its error."""
         if PERHAPS_HELD in refusal.text:
-            remedy = "look at the gripper: if it is empty, type `holding no`, or open it (`hand open`)"
+            remedy = "look into the gripper: if it is empty, type `holding no`; if not, `hand open` (the part falls)"
             refusal = replace(refusal, text=f"{refusal.text}; {remedy}")
         self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
         return MoveRefusedError(refusal)
@@ -497,7 +497,8 @@ class Mover:
         )
         if self.arrival.missed_by(off_mm, off_deg):
             raise NotAtTargetError(
-                f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off"
+                f"{command.purpose}: the arm did not arrive: WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees from "
+                "the target. Is something in its way? Look, then `resume`"
             )
 
 

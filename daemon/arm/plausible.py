@@ -31,7 +31,7 @@ LOWEST_MM = 100.0
 LIMITS: Keys = ("pick", "limits")
 DIGITS_MM = 0.1
 AS_METRES = "metres? write them times 1000"
-AS_DEFAULT = "nothing of it would be guarded; leave the key out for the default"
+AS_DEFAULT = "without them no rule would guard it; delete the key to get the default"
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,8 @@ def _table(guard: Limits) -> Iterator[Implausible]:
     keys, above_mm = (*LIMITS, "table_z_mm"), guard.box_low_mm[2] - guard.table_z_mm
     expected = f"the table within {FROM_TABLE_MM:g} mm of the box's least z = {guard.box_low_mm[2]:g}"
     if above_mm > FROM_TABLE_MM:
-        yield _found(keys, expected, f"it {above_mm:.0f} mm below", "measure the table's height: no rule would keep it")
+        mend = "measure the table's height: no rule would keep the arm off it"
+        yield _found(keys, expected, f"it {above_mm:.0f} mm below", mend)
     elif above_mm < -FROM_TABLE_MM:
         yield _found(keys, expected, f"it {-above_mm:.0f} mm above", "check units and sign")
 
@@ -180,7 +181,7 @@ def _keep_outs(guard: Limits) -> Iterator[Implausible]:
         sizes = np.array(box.high_mm) - np.array(box.low_mm)
         side = "xyz"[int(sizes.argmin())]
         if not box.name.strip() or names.count(box.name) > 1:
-            yield _found((*keys, "name"), "a name of its own", repr(box.name), "a refusal tells it")
+            yield _found((*keys, "name"), "a name of its own", repr(box.name), "refusals show it")
         if sizes.min() <= 0:
             found = f"it {-sizes.min():g} mm above"
             yield _found((*keys, "low_mm"), f"{side} below high_mm's", found, "swap the two")

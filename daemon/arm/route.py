@@ -58,7 +58,7 @@ def plan_path(
         higher = _checked(legs, command, state, start, robot, limits)
         if not isinstance(higher, Refusal):
             return higher
-    return replace(direct, text=f"{direct.text}; no path above it is clear either")
+    return replace(direct, text=f"{direct.text}; a path higher up is not clear either")
 
 
 def _with_vertical_ends(whole: PathSegment, start: Reading, limits: Limits) -> Iterator[list[PathSegment]]:

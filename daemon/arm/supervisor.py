@@ -25,7 +25,7 @@ AT_REST_S = 2.0
 """How long the controller may take to report that the arm is at rest."""
 THEN = "; then "
 ANOTHER_LINE = (
-    "an arm was seen at rest, on a line that was opened anew since the alarm: go and see whether it is the one that "
+    "an arm is at rest now, but the serial line was reopened after the alarm: go and check that this is the arm that "
     "was being stopped"
 )
 
@@ -356,7 +356,7 @@ class Supervisor:
     def _alarmed(self, text: str | None) -> None:
         if text is None:
             same = self._openings == self._alarmed_in
-            rests = "the arm was seen at rest at last" if same else ANOTHER_LINE
+            rests = "the arm is now at rest: the stop is confirmed" if same else ANOTHER_LINE
             self._notify(lambda: self.mover.cell.log.record("rest", text=rests))
         else:
             self._alarmed_in = self._openings
@@ -432,7 +432,7 @@ class Supervisor:
         """Refuse to change something that must stay the same during a job, unless the job itself changes it. Raises
         RefusedError."""
         if self._task is not None and self._task is not asyncio.current_task():
-            raise RefusedError(f"busy: {self._doing}; {what} only between jobs")
+            raise RefusedError(f"busy: {self._doing}; {what} only when that has ended: wait, or `abort`")
 
 
 def _on_top_of(standing: str | None, fault: str) -> str:

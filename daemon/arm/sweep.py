@@ -413,7 +413,7 @@ def _worst(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack:
             _, part, thing = gaps.what[pair]
             axis = ends[place, gaps.capsule[pair]]
             at = "{:.0f} {:.0f} {:.0f}".format(*axis[axis[:, 2].argmin()])
-            text = f"{where[int(place)]} the {part}, at {at}, comes {by_mm:.1f} mm too far towards {thing}"
+            text = f"{where[int(place)]} the {part}, at {at}, comes {by_mm:.1f} mm too near to {thing}"
             found.append(Strike(rule, text))
     return tuple(found)
 

@@ -199,7 +199,7 @@ def _fitted(
     nearest = float(np.median(nearest_px(corners)))
     if nearest < SMALLEST_SQUARE_PX:
         raise BoardError(
-            f"too small: its squares are {nearest:.0f} px wide, {SMALLEST_SQUARE_PX:g} is the least; bring it nearer"
+            f"too small: its squares are {nearest:.0f} px wide, the minimum is {SMALLEST_SQUARE_PX:g}: bring it nearer"
         )
 
     def drawing(squares: Array) -> NDArray[np.bool_]:
@@ -212,7 +212,7 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
     """The corners that match the board's drawing. Raises BoardError."""
     if fitted.blur_px > SHARP_ENOUGH_PX:
         raise BoardError(
-            f"blurred: edges {fitted.blur_px:.1f} px wide, {SHARP_ENOUGH_PX:g} is the most; hold it still, or focus"
+            f"blurred: edges {fitted.blur_px:.1f} px wide, the limit is {SHARP_ENOUGH_PX:g}: hold it still, or focus"
         )
     sound = fitted.misfit < WORST_MISFIT
     if (clear := int(sound.sum())) < FEWEST_CORNERS:

@@ -63,7 +63,7 @@ def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye:
     if not off_px <= WORST_PX:
         raise LensError(
             f"its {name} lens cannot be written as k1 k2 p1 p2 k3: off by {off_px:.2g} px near the image's corners, "
-            f"{WORST_PX:g} is the most; calibrate these cameras here, with a board"
+            f"the limit is {WORST_PX:g}: calibrate these cameras here, with a board"
         )
     return RefittedLens(*camera_matrix(found[:INTRINSICS]), off_px)
 

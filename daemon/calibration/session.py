@@ -108,7 +108,9 @@ async def _tour(
     mover = session.supervisor.mover
     session.supervisor.may_move()
     if mover.dry:
-        raise RefusedError("dry: the arm does not move, and views from one pose calibrate nothing")
+        raise RefusedError(
+            "`dry` is on, so the arm does not move, and one pose is not enough to calibrate: type `dry off`"
+        )
     if session.calibration.hand_eye is None:
         raise SessionError("no hand_eye in calibration.yaml: enter a rough one, measured by ruler")
     reading = await session.set_out()
@@ -384,7 +386,10 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
         errors.append(found - true)
         gaps.append(epipolar_distances(rig, match.left_px, match.right_px))
     if not errors:
-        raise SessionError("no two consecutive poses are a stereo pair: they are too near, or share too few corners")
+        raise SessionError(
+            "no two poses in succession give a stereo pair (too near to each other, or too few common corners): put "
+            "the board where both cameras see it whole, and repeat"
+        )
     for view in views:
         corners.append(frames.apply(board_at_rest(view, board, calibration), board.points_mm()))
     placed = np.array(corners)

@@ -271,7 +271,7 @@ def mounting(config: Config) -> Mounting:
 def _check_fixed(config: Config) -> None:
     """What needs cameras on the hand. Raises ConfigError."""
     if alone(config) is not None:
-        problem = "expected two cameras: one that is fixed in the world cannot be moved to see depth"
+        problem = "expected two cameras: one fixed camera alone cannot measure distances"
         raise config.document.error(("cameras",), problem)
     if config.places.places:
         problem = f"expected no places in {config.places_file}: no fixed camera measures how the gripper holds a part"

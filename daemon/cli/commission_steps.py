@@ -268,7 +268,7 @@ def _workspace(talk: CommissioningSession) -> str:
 
 
 def _gripper(talk: CommissioningSession) -> str:
-    talk.need("Is nothing between the fingers? They close and open next.")
+    talk.need("Are the fingers free, with nothing between them? y: they close and open next.")
     talk.enable()
     for word in ("close", "open"):
         talk.do(f"hand {word}")

@@ -135,7 +135,7 @@ def _begin(state: Path, run: str) -> None:
 def _forbidden_motions(verdict: Path) -> list[str]:
     """The forbidden motions that the simulated cell's motion monitor found, one line each."""
     lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
-    return [f"JUDGE {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
+    return [f"MOTION MONITOR {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
 
 
 def say(text: str) -> None:

@@ -315,7 +315,7 @@ def verification_result(found: Verified) -> CommandResult:
     lines = [
         f"From {found.poses - 1} new poses and the first one: lengths {found.length_mm:.2f} mm off "
         f"(scale {100 * found.scale_error:+.2f} %), {found.epipolar_px:.2f} px to the epipolar line, "
-        f"the same corner comes out {found.spread_mm:.2f} mm apart in the world (hand-eye and arm together).",
+        f"the same corner is measured at positions {found.spread_mm:.2f} mm apart (hand-eye and arm together).",
         *(f"FAILED {failure}" for failure in found.failures),
     ]
     lines.append("PASSED" if found.passed else "Do not pick with this calibration.")

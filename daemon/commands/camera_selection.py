@@ -35,11 +35,9 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
     if word == "moving":
         return await _shutters(context, frontend)
     if context.hardware.kind == "recorded" or context.calibration.alone is not None:
-        raise CommandError("this cell has a fixed choice of cameras")
+        raise CommandError("this cell (recorded, or with one camera) always uses the same cameras")
     if word != "both" and context.calibration.fixed:
-        raise CommandError(
-            f"cameras {word}: a camera that is fixed in the world cannot be moved to see depth", NOT_DONE
-        )
+        raise CommandError(f"cameras {word}: one fixed camera alone cannot measure distances", NOT_DONE)
     if word == "both":
         hardware, supervisor = context.hardware, context.cycle.supervisor
         trial = pair_fault(hardware.cameras, context.calibration.rig, hardware.clock)
@@ -75,7 +73,7 @@ async def _show(context: CommandContext) -> CommandResult:
 async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResult:
     """Measure how each camera reads out its rows. Nothing moves the arm: a person moves what is seen."""
     if context.hardware.kind == "recorded":
-        raise CommandError("recorded images show nothing of a shutter")
+        raise CommandError("a shutter cannot be measured on recorded pictures")
     asked = "Move a newspaper that fills the view to and fro, about once a second, until the answer comes. Start? [y/n]"
     if frontend.asks and not await yes_or_no(frontend, asked):
         raise CommandError("not measured", NOT_DONE)

@@ -67,8 +67,8 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
     if shown not in (None, candidate):
         frontend.shown = candidate
         raise CommandError(
-            f"not accepted: you saw version {shown}, but the candidate is now version {candidate}: "
-            f"`try` tests it, `accept` again takes it, `model use {shown}` takes the other"
+            f"not accepted: somebody trained meanwhile. You saw version {shown}, the candidate is now version "
+            f"{candidate}: `try` tests it, `accept` again takes it, `model use {shown}` takes the other"
         )
     await _confirm_during_pick(context, frontend)
     pairs = [] if candidate is None else alike(await _judge(context, candidate))

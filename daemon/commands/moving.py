@@ -149,7 +149,8 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         try:
             await context.begin_auto(pick_order)
         except RefusedError as refused:  # another operator was faster; report that the fault is cleared all the same
-            return CommandResult("\n".join([*lines, f"{left}, and was not resumed: {refused}; then `auto resume`."]))
+            lines.append(f"{left}; it was not continued: {refused}. After that: `auto resume`.")
+            return CommandResult("\n".join(lines))
         lines.append("Auto resumed; `auto off` ends it after the current part.")
         return CommandResult("\n".join([*lines, PAUSED] if supervisor.hold.paused else lines))
     return _clear_fault(context, lines, stops, pauses)
@@ -273,7 +274,7 @@ async def holding(context: CommandContext, words: list[str], _: Frontend) -> Com
     next pick first puts the part into the bin.
     """
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
-    context.cycle.supervisor.between_jobs("what is in the gripper is said")
+    context.cycle.supervisor.between_jobs("`holding` is accepted")
     return CommandResult(_set_holding(context, word == "yes"))
 
 

@@ -210,7 +210,7 @@ def _plan_text(plan: SidePlan) -> str:
     if plan.found == plan.tried:
         return f"yes, {how}"
     if plan.found:
-        return f"turned in {plan.found} of {plan.tried} ways, {how}; else {plan.why}"
+        return f"in {plan.found} of {plan.tried} headings on the table: {how}; in the others: {plan.why}"
     return f"no: {plan.why}"
 
 

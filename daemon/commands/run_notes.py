@@ -17,7 +17,7 @@ async def note(context: CommandContext, words: list[str], frontend: Frontend) ->
     """Keep a comment with the run: the review page shows it at its time."""
     text = spelt(" ".join(words))
     if not text:
-        raise CommandError("what? note TEXT, such as `note lamp replaced`", NOT_UNDERSTOOD)
+        raise CommandError("TEXT is missing: `note TEXT`, such as `note lamp replaced`", NOT_UNDERSTOOD)
     if len(text) > LONGEST_NOTE:
         raise CommandError(f"{len(text)} characters; a note has at most {LONGEST_NOTE}", NOT_UNDERSTOOD)
     context.log.record("note", who=frontend.who, text=text)

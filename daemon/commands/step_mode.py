@@ -121,5 +121,5 @@ def decide(context: CommandContext, yes: bool) -> CommandResult:
     else:
         hold.refuse()
     if yes and context.cycle.status()["paused"]:
-        return CommandResult("Move confirmed, not sent yet: motion is paused. `resume` sends it.")
+        return CommandResult("Move confirmed. Motion is paused: `resume` sends the move.")
     return CommandResult("Move confirmed." if yes else "Move not sent; the job is cancelled.")

@@ -235,7 +235,7 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
     no_more(words, 1, "teach LABEL")
     if not words:
         known = ", ".join(context.parts) or "none yet"
-        raise CommandError(f"which part? teach LABEL; known labels: {known}", NOT_UNDERSTOOD)
+        raise CommandError(f"LABEL is missing: `teach LABEL`; known labels: {known}", NOT_UNDERSTOOD)
     label = words[0]
     if label in context.parts:
         return label

@@ -328,7 +328,7 @@ class Interpreter:
         if name in self.commands:
             return self.commands[name]
         if name in ("quit", "exit", "bye", "logout"):
-            raise CommandError("the serial console stays open; there is nothing to close")
+            raise CommandError("a serial terminal stays open; there is nothing to close")
         if name == "facetctl":
             raise CommandError("type the command without `facetctl`", NOT_UNDERSTOOD)
         if name == "facetd>":  # copied from a page of the manual

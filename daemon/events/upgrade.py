@@ -18,21 +18,28 @@ BY_A_PERSON = re.compile(r"stopped by|stopped$|by control-C")
 OPERATOR = {CauseCode.OPERATOR_ABORT, CauseCode.OPERATOR_NO, CauseCode.OPERATOR_STOP}
 FAULT_PROSE: tuple[tuple[str, CauseCode], ...] = (
     (r"^aborted", CauseCode.OPERATOR_ABORT),
-    (r"operator refused", CauseCode.OPERATOR_NO),
+    (r"operator refused|answered no to", CauseCode.OPERATOR_NO),
     (r"^stopped by|^by control-C", CauseCode.OPERATOR_STOP),
     (r"[Ee]mergency stop\*|E-?[Ss]top", CauseCode.EMERGENCY_STOP),
     (r"[Aa]rm power", CauseCode.ARM_POWER),
     (r"Envelope error", CauseCode.ENVELOPE_ERROR),
     (r"controller asks|floppy", CauseCode.CONTROLLER_RESTARTED),
     (r"out of range|cannot be reached|out of reach", CauseCode.OUT_OF_REACH),
-    (r"WHERE is .* off|at rest .* from where it was sent|not at rest within", CauseCode.ARM_NOT_THERE),
+    (
+        r"WHERE is .* (?:off|from the target)|at rest .* from (?:where it was sent|its target)|not at rest within",
+        CauseCode.ARM_NOT_THERE,
+    ),
     (r"comes back twice", CauseCode.CONVERTER_ECHOES),
-    (r"^Garbled|did not come through|through whole|WHERE did not give|typed '.*', echoed '[^']", CauseCode.LINE_NOISE),
+    (
+        r"^Garbled|did not come through|arrived damaged|through whole|WHERE (?:did not give|was incomplete)"
+        r"|typed '.*', echoed '[^']",
+        CauseCode.LINE_NOISE,
+    ),
     (r"^(NoAnswer|PortError|Busy|controller:)", CauseCode.CONTROLLER_SILENT),
     (r"suspect: hand-eye", CauseCode.HAND_EYE),
     (r"suspect: camera|^calibration: (right|left) camera", CauseCode.CAMERA_KNOCKED),
-    (r"suspect: unclear|cannot be told", CauseCode.LOOKS_DISAGREE),
-    (r"look behind it is", CauseCode.STALE_LOOK),
+    (r"suspect: unclear|cannot be told|cannot tell which", CauseCode.LOOKS_DISAGREE),
+    (r"look behind it is|computed from a look", CauseCode.STALE_LOOK),
     (r"not enabled", CauseCode.NOT_ENABLED),
 )
 """Expressions in the text of a fault or of a cycle's end, most specific first."""

@@ -229,7 +229,7 @@ class DaemonLink:
         try:
             self.socket.sendall(begin + json.dumps(message).encode() + b"\n")
         except OSError:
-            raise DaemonUnreachableError("the daemon hung up") from None
+            raise DaemonUnreachableError("the daemon closed the connection") from None
         self._partly_sent = False
 
     def _messages(self, say: Callable[[str], None] = print) -> Iterator[dict[str, Any]]:

@@ -341,7 +341,7 @@ class SocketFrontend:
                 self._interpreter.context.notices.listen(self)
             self._gets_notices = True
         else:
-            raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
+            raise ValueError("it has none of the keys do, answer, file, keys, leave, interrupt, complete, notices")
 
     def _take_command(self, text: str, message: SocketMessage) -> None:
         stops = self._interpreter.means_stop(text)

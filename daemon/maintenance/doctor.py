@@ -75,10 +75,10 @@ def from_service(
     if "cameras" not in troubles:
         findings.append(CheckResult("good", "cameras", hardware.cameras.describe()))
     if not_held is None and hardware.kind != "recorded":
-        mend = "Give `cameras`, with parts in view and nothing in motion"
+        mend = "Type `cameras`, with parts in view and nothing moving"
         findings.append(CheckResult("note", "cameras", "not tested whether they hold exposure and focus", mend))
     if not shutters and hardware.kind == "real":
-        mend = "Give `cameras moving`, and move a newspaper before them"
+        mend = "Type `cameras moving`, and move a newspaper in front of them"
         findings.append(CheckResult("note", "cameras", "not tested for a rolling shutter", mend))
     for camera, shutter in (shutters or {}).items():
         findings.append(CheckResult("note" if shutter.startswith("rolling") else "good", f"{camera} camera", shutter))

@@ -35,7 +35,7 @@ class UnitError(MeshError):
     units."""
 
     def __init__(self, question: str, others: str) -> None:
-        super().__init__(f"{question} say {others} behind the file's name")
+        super().__init__(f"{question} type {others} after the file's name")
         self.question, self.others = question, others
 
 

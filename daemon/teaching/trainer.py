@@ -374,10 +374,10 @@ def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | No
         f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
     )
     if lacking:
-        return f"{label} is known by {sizes_text}, and no {' or '.join(sorted(lacking))} as there"
+        return f"{label} was taught with {sizes_text}, and no {' or '.join(sorted(lacking))}"
     larger = sizes[0] > sizes[1] + SAME_SIZE_MM
     closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
-    return f"{label} is known by {sizes_text}" if larger or closed else None
+    return f"{label} was taught with {sizes_text}" if larger or closed else None
 
 
 def _is_drawn(view: StoredView) -> bool:

@@ -203,7 +203,7 @@ def at_rest(known: ContactFindings) -> Steps:
             return answer.where
         before = answer.where or before
         yield Exchange(b"", 0.2, 0.2)
-    raise UnclearError("the arm does not come to rest by its own WHERE. Is it at work on a program?")
+    raise UnclearError("WHERE goes on changing: the arm moves. Does the controller run a program? Stop it at the panel")
 
 
 def same_place(before: Where, now: Where) -> bool:

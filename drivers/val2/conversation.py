@@ -36,8 +36,8 @@ POISON = b"!!"
 """Makes a half-typed line an error instead of a command, where it could not be cancelled."""
 A_PROMPT = "a prompt"
 TWICE = (
-    "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read cannot "
-    "be told from it. Switch that echo off"
+    "what is typed comes back twice: the serial converter echoes as well as the controller, which hides what the "
+    "controller read. Switch the converter's echo off"
 )
 
 
@@ -261,7 +261,9 @@ class Conversation:
             await asyncio.sleep(self.dialect.echo_settle_s)
             return collected
         error = Busy if collected else NoAnswer
-        raise error(f"no prompt after {attempts} attempts; is the controller on, and its terminal line this one?")
+        raise error(
+            f"the controller gives no prompt ({attempts} attempts): is it on, and does arm.port name its terminal line?"
+        )
 
     def send_raw(self, data: bytes) -> None:
         """Send bytes without checking their echo. Raises Preempted, PortError."""
@@ -349,7 +351,7 @@ class Conversation:
         await asyncio.sleep(self.dialect.echo_settle_s)
         if self._reader.state is not ReaderState.TYPED:
             await self._judge_echo(text, event)
-            raise Garbled(f"typed {text!r}, echoed with more behind it")
+            raise Garbled(f"typed {text!r}, but the echo had extra characters after it")
 
     async def _judge_echo(self, text: str, first: LineEvent) -> None:
         """Wait until nothing more comes, then find the cause of a wrong echo. Raises Garbled where the echo came twice,
@@ -392,7 +394,7 @@ def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: 
         raise Interleaved(received)
     starred = [event.text for event in events if isinstance(event, Error) and of_a_table(event.text)]
     if garbled or (starred and command == "WHERE"):
-        raise Garbled(f"the answer to {command!r} did not come through whole")
+        raise Garbled(f"the answer to {command!r} arrived damaged (noise on the line?)")
     tables = [event.where for event in events if isinstance(event, WhereTable)]
     last = events[-1]
     return ControllerAnswer(

@@ -102,7 +102,8 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
         asked.append(answer.question)
         if len(asked) > 8:
             raise UnclearError(
-                f"it asks again and again: {answer.question!r}. What does its manual want to hear there?"
+                f"it asks again and again: {answer.question!r}. Look up the right answer in its manual, then repeat "
+                "the command"
             )
         reply = yield Consult("power-up", f"The controller asks: {answer.question}  What shall I answer?")
         answer = yield from ask(known, reply, 60.0)
@@ -116,7 +117,7 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
         raise UnclearError(f"no prompt after a line; it said {answer.raw!r}. Is a program running, or the arm at work?")
     if not answer.errors:
         raise UnclearError(
-            f"{POISON.decode()!r} is no command anywhere, and was answered by {answer.raw!r} instead of an error "
+            f"{POISON.decode()!r} is not a command of VAL, but was answered by {answer.raw!r} instead of an error "
             "between asterisks. Is this a VAL controller's terminal line?"
         )
     known.found("errors", answer.errors[0], f"the answer to {POISON.decode()!r}")
@@ -131,12 +132,12 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
 def _silent(raw: bytes) -> str:
     if raw:
         return (
-            f"it answers {raw!r} and gives no prompt: the line's framing is another (its manual and the switches on "
-            "its serial board tell), or it is at work: is the arm moving?"
+            f"it answers {raw!r} and gives no prompt: its data bits, parity or stop bits are not 8, none and 1 (its "
+            "manual and the switches on its serial board show them), or it is at work: is the arm moving?"
         )
     return (
         "nothing answers at any speed: is the controller on, the cable in its terminal port, and are its wires 2 and 3"
-        "  crossed? Nothing was sent but ends of lines and words that stop"
+        "  crossed? Only line ends and stop words were sent"
     )
 
 
@@ -147,8 +148,8 @@ def _line(known: ContactFindings) -> Steps:
     heard: Heard = yield Exchange(b"WHERE", 0.3, 1.0, CAREFUL_S)
     if b"WWHHEERREE" in heard.data:
         raise UnclearError(
-            "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read "
-            "cannot be told from it. Where is the converter's switch for that?"
+            "what is typed comes back twice: the serial converter echoes as well as the controller, which hides what "
+            "the controller read. Switch the converter's echo off, then repeat the command"
         )
     echo = b"WHERE" in heard.data
     known.found("echo", echo, "what was typed " + ("came back" if echo else "did not come back"))
@@ -164,7 +165,7 @@ def _line(known: ContactFindings) -> Steps:
     known.found("digits", digits, "behind the points of WHERE: lengths, angles")
     if not min(digits):
         raise UnclearError(
-            f"WHERE prints whole numbers ({' '.join(answer.raw.decode('latin-1').split())}): nothing can be steered to "
+            f"WHERE prints whole numbers ({' '.join(answer.raw.decode('latin-1').split())}): facetd cannot steer to "
             "what is not shown. Is the arm where they happen to be whole? Then turn each joint a little with the "
             "pendant, and say it again. Else: can the controller be set to print decimals?"
         )
@@ -272,7 +273,7 @@ def _by_pendant(known: ContactFindings) -> Steps:
         here = yield from at_rest(known)
         near = min((here.turned_deg(there) for there in known.readings), default=APART_DEG)
         if near < APART_DEG:
-            yield Tell(f"all joints are within {near:.1f} degrees of a place that is known: farther, please")
+            yield Tell(f"all joints are within {near:.1f} degrees of an earlier pose: move the arm farther away")
             continue
         taken += 1
         known.readings.append(here)

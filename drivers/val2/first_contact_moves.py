@@ -104,7 +104,7 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
             if misread:
                 raise UnclearError(
                     f"{_drive(FIRST_JOINT, STEP_DEG)} and {known.stop_word}, typed slowly, are answered by "
-                    f"{'; '.join(errors) or 'nothing'}: is it another system, or noise on the line?"
+                    f"{'; '.join(errors) or 'nothing'}: another system, or noise on the line: send the transcript"
                 )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
         refusal = "; ".join(errors)
@@ -128,8 +128,8 @@ def _calibrated(known: ContactFindings, refusal: str) -> Steps:
         )
     ):
         raise UnclearError(
-            f"the arm is not calibrated, and nothing was moved. Type {word} at this terminal yourself, or let me do it "
-            "when you say it again?"
+            f"the arm is not calibrated, and nothing was moved. Type {word} at this terminal yourself, or repeat the "
+            "command and answer yes: facetd then types it"
         )
     known.moved = True
     answer = yield from ask(known, word, CALIBRATION_S)
@@ -165,7 +165,7 @@ def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early
     if max(map(abs, off)) > OFF_DEG:
         turned = ", ".join(f"{now - was:.2f}" for was, now in zip(here.joints_deg, there.joints_deg, strict=True))
         raise UnclearError(
-            f"joint {joint} was to turn by {degrees:+g} degrees, and the joints turned by {turned}. What holds them?"
+            f"joint {joint} was to turn by {degrees:+g} degrees, and the joints turned by {turned}. What blocks them?"
         )
     return there
 

@@ -32,7 +32,7 @@ from drivers.val2.errors import (
 )
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
-from drivers.val2.session import LineSession, confirms
+from drivers.val2.session import LineSession, confirms, unanswered
 from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
 ABORT_ATTEMPTS = 5
@@ -313,7 +313,7 @@ class Link:
             now_s = self.clock()
             elsewhere_since_s = now_s if elsewhere_since_s is None else elsewhere_since_s
             if now_s - elsewhere_since_s >= self.dialect.stall_s or now_s >= deadline_s:
-                raise Elsewhere(f"at rest {off_mm:.2f} mm and {off_deg:.2f} degrees from where it was sent", where)
+                raise Elsewhere(f"at rest {off_mm:.2f} mm and {off_deg:.2f} degrees from its target", where)
 
     async def still(self, timeout_s: float, any_place: bool = False, before: Where | None = None) -> Where:
         """Wait until two WHERE readings agree. Raises NoAnswer where they do not in time.
@@ -343,7 +343,7 @@ class Link:
         await self.abort()
         self.permit.stop_took_s = self.clock() - began_s
         if self.question is not None:
-            raise ControllerError(f"the controller asks {self.question!r}: answer that first")
+            raise unanswered(self.question)
 
     # Inside
 
@@ -463,7 +463,10 @@ class Link:
             where = await self._where(talk)
             if session.recoveries == before:
                 return where
-        raise Garbled("noise on the line: speed and location before a move did not get through in one piece")
+        raise Garbled(
+            "noise on the serial line: speed and target of a move could not be sent without errors; nothing moved. "
+            "Check the cable and its shield, then `resume`"
+        )
 
     async def _carry_out(
         self,
@@ -484,14 +487,17 @@ class Link:
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
         """Read WHERE. any_place: also accept a reading whose location and joints do not match."""
-        session, why = self._open_session, "WHERE did not give its table"
+        session, why = self._open_session, "the answer to WHERE was incomplete"
         for _ in range(self.dialect.typing_attempts):
             answer = session.accept(await session.ask(talk, "WHERE", (), self.dialect.answer_s))
             if answer.where is None:
                 continue
             if any_place or self.belongs_together(answer.where):
                 return answer.where
-            why = "WHERE's place and joints do not belong together: noise, or a TOOL or BASE other than ours"
+            why = (
+                "position and joint angles of WHERE do not fit each other: noise on the line, or somebody set TOOL or "
+                "BASE at the controller (switch it off and on)"
+            )
         raise Garbled(why)
 
     async def _still(
@@ -568,9 +574,11 @@ class Link:
             if answer.errors and answer.where is None:
                 refusal = "; ".join(answer.errors)
                 if not lacks_zero(refusal):
-                    raise ControllerError(f"WHERE is refused (`{refusal}`: mend that, then restart facetd)")
+                    raise ControllerError(
+                        f"WHERE is refused (`{refusal}`: remove the cause, then `systemctl restart facetd`)"
+                    )
             elif answer.where is None:
-                raise Garbled("WHERE did not give its table")
+                raise Garbled("the answer to WHERE was incomplete")
             else:
                 by_itself += answer.errors
             readings.append(answer.where)

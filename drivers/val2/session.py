@@ -270,7 +270,7 @@ class LineSession:
             others = [line for line in lines if line.startswith(".") and line.strip(". ")] if answer.errors else lines
             self._refuse_others([line for line in others if _is_no_noise(line)])
             if not answer.errors and len(lines) < len(answer.of_text):
-                raise Garbled(f"of the answer to {text!r} a line came twice")
+                raise Garbled(f"a line of the answer to {text!r} came twice (noise?)")
         return answer
 
     async def past_a_rest(
@@ -293,7 +293,7 @@ class LineSession:
         except NoAnswer as deaf:
             raise NoAnswer(f"{problem.message}; then {deaf.message}", code=problem.code) from problem
         if self.question is not None:
-            raise self._unanswered() from problem
+            raise unanswered(self.question) from problem
         return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]
 
     def accept(self, answer: ControllerAnswer) -> ControllerAnswer:
@@ -303,7 +303,7 @@ class LineSession:
         if answer.errors:
             raise ControllerError("; ".join(answer.errors), answer.where)
         if answer.question is not None:
-            raise self._unanswered()
+            raise unanswered(answer.question)
         return answer
 
     def leave_unheard(self, errors: Sequence[str]) -> None:
@@ -356,7 +356,7 @@ class LineSession:
                 self._refuse_others([*others, *errors])
             raise ControllerError("; ".join(errors))
         if self.question is not None and not answers_question:
-            raise self._unanswered()
+            raise unanswered(self.question)
         if self.question is None:
             self._refuse_others(others)
 
@@ -370,9 +370,12 @@ class LineSession:
             return
         if not self._owed.explain(unheard):
             self._disturbed()
-            raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
+            raise Disturbed(
+                f"another terminal or program types on the controller's line (received {quoted(heard)}): stay clear of "
+                "the arm and find it, then `resume`"
+            )
         if not found:
-            raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
+            raise NoAnswer(f"the controller answered too late (received {quoted(heard)})")
 
     async def _refuse_interleaved(self, talk: Conversation, problem: Interleaved) -> None:
         """As _refuse_others, after the mixed line was cancelled. The beliefs about the cell are voided before anything
@@ -394,9 +397,6 @@ class LineSession:
             if isinstance(found, Disturbed):
                 self._unreported = found
             raise
-
-    def _unanswered(self) -> ControllerError:
-        return ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     def _new_conversation(self) -> Conversation:
         return Conversation(self.dialect, self._reader, self.send, self.clock, self._permit, self._owed)
@@ -452,6 +452,13 @@ def quoted(heard: Sequence[str]) -> str:
     ]
     more = len(heard) - len(pieces)
     return ", ".join(pieces) + (f" and {more} more" if more > 0 else "")
+
+
+def unanswered(question: str) -> ControllerError:
+    """The error of a command that finds the controller waiting for an answer."""
+    return ControllerError(
+        f"the controller asks {question!r}: answer it (`robot power-up`), or end the program that asks (`stop`)"
+    )
 
 
 def confirms(question: str) -> bool:

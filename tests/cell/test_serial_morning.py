@@ -88,7 +88,7 @@ def test_a_noisy_line_and_an_adapter_that_comes_back_under_another_name(begun: C
     assert pick(daemon) == "picked"
     befalls(daemon, "noise")
     spoiled = daemon.do("go home")
-    assert "did not come through whole" in spoiled["text"]
+    assert "arrived damaged" in spoiled["text"]
     may_move(daemon)
     assert pick(daemon) == "picked"
     before = os.readlink(daemon.folder / BY_ID)

@@ -18,7 +18,7 @@ from drivers.simcell.motion_monitor import Violation
 from drivers.val2.errors import Disturbed
 from drivers.val2.session import LineSession
 
-NOTICE = "somebody else types on this line"
+NOTICE = "another terminal or program types on the controller's line"
 REPORTED_S = 15.0
 """The longest time from noticing to reporting: the arm is stopped in between."""
 

@@ -367,13 +367,16 @@ def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():
 
 def test_a_part_may_come_down_to_just_its_support_and_below_it_the_support_is_named_and_not_the_table():
     support_mm = LIMITS.table_z_mm + 1.0
-    for off_mm, told in ((0.0, None), (-0.5, "the cube would be 0.5 mm below what it is to rest on")):
+    for off_mm, told in ((0.0, None), (-0.5, "the cube would be 0.5 mm below the surface that it is to rest on")):
         tip = CarriedCapsule("cube", "tool", (0.0, 0.0, 30.0), (0.0, 0.0, 30.0), 0.0, level_mm=support_mm)
         bare = replace(LIMITS, capsules=(tip,), body_mm=())
         pose = frames.rigid(DOWN, np.array([*AT[:2, 3], support_mm + 30.0 + off_mm]))
         assert guard._below_table(command(pose), STANDING, bare) == told
     bare = replace(LIMITS, capsules=(), body_mm=(), clearance_mm=0.5)
-    for z_mm, told in ((0.5, None), (0.25, "the tool would be 0.2 mm above the table, 0.5 is the least")):
+    for z_mm, told in (
+        (0.5, None),
+        (0.25, "the tool would come to 0.2 mm above the table; at least 0.5 mm are needed"),
+    ):
         pose = frames.rigid(DOWN, np.array([*AT[:2, 3], LIMITS.table_z_mm + z_mm]))
         assert guard._below_table(command(pose), STANDING, bare) == told
 

@@ -73,7 +73,7 @@ def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None
     hold.step(not ask)
     assert waits(hold, ask, lambda _: None) == "waits"
     assert waits(hold, ask, lambda _: hold.confirm()) == "goes"
-    assert waits(hold, ask, lambda _: hold.refuse()) == "the operator refused: to the bin"
+    assert waits(hold, ask, lambda _: hold.refuse()) == "somebody answered no to: to the bin"
     assert (hold.waiting, hold.pending_s) == (None, inf)
 
 

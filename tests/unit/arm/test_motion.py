@@ -409,7 +409,7 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
         return await move(frames.perturb(pose, np.array(off, float)), **how)
 
     mover.cell.robot.move = missing
-    with pytest.raises(NotAtTargetError, match="sent, but WHERE is"):
+    with pytest.raises(NotAtTargetError, match="the arm did not arrive: WHERE is"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert len(world.said("moved")) == 1
 

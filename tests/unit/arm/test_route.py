@@ -117,7 +117,7 @@ def test_where_nothing_leads_over_it_the_reason_is_that_of_the_direct_way():
     assert isinstance(refusal, Refusal)
     assert refusal.rule == "kept_out"
     assert "wall" in refusal.text
-    assert refusal.text.endswith("no path above it is clear either")
+    assert refusal.text.endswith("a path higher up is not clear either")
 
 
 def test_where_the_direct_way_leaves_the_room_a_way_over_is_looked_for_too():
@@ -125,7 +125,7 @@ def test_where_the_direct_way_leaves_the_room_a_way_over_is_looked_for_too():
     refusal = planned(hand(500, -300, -180), hand(500, 300, -180), limits=narrow)
     assert isinstance(refusal, Refusal)
     assert refusal.rule == "outside_room"
-    assert refusal.text.endswith("no path above it is clear either")
+    assert refusal.text.endswith("a path higher up is not clear either")
 
 
 def test_long_ways_are_parted_in_steps_within_the_limits():
@@ -246,7 +246,7 @@ def test_where_the_arm_may_not_be_at_the_target_itself_no_way_over_is_looked_for
     refusal = planned(LEFT, hand(560, 200, -305))
     assert isinstance(refusal, Refusal)
     assert len(asked) == 1
-    assert not refusal.text.endswith("no path above it is clear either")
+    assert not refusal.text.endswith("a path higher up is not clear either")
 
 
 def test_a_straight_way_is_parted_on_its_line():

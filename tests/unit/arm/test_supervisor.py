@@ -399,7 +399,7 @@ def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
     async def story() -> None:
         task = asyncio.create_task(supervisor.run("wait", asyncio.sleep(0.05)))
         await asyncio.sleep(0.0)
-        with pytest.raises(RefusedError, match="busy: wait; this only between jobs"):
+        with pytest.raises(RefusedError, match="busy: wait; this only when that has ended: wait, or `abort`"):
             supervisor.between_jobs("this")
         await task
 
@@ -1446,8 +1446,8 @@ def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the
 
     lived(story())
     (told,) = world.said("rest")
-    assert (told["text"] == "the arm was seen at rest at last") is not opened_anew
-    assert ("on a line that was opened anew" in told["text"]) is opened_anew
+    assert (told["text"] == "the arm is now at rest: the stop is confirmed") is not opened_anew
+    assert ("the serial line was reopened after the alarm" in told["text"]) is opened_anew
 
 
 def test_how_long_a_stop_may_take_is_told_once_the_controller_has_answered_it_and_until_it_is_over():

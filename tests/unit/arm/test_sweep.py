@@ -364,7 +364,7 @@ def test_a_refusal_says_which_part_where_into_what_and_by_how_much():
     assert refusal.rule == "kept_out"
     assert refusal.text.startswith("on the way (")
     assert "the post" in refusal.text
-    assert " mm too far towards" in refusal.text
+    assert " mm too near to" in refusal.text
 
 
 def test_a_post_between_two_places_is_not_swept_through_and_one_beside_the_way_is_no_matter():
@@ -765,7 +765,7 @@ def test_a_strike_is_told_with_how_far_along_and_at_its_lowest_end():
         Along([0.0, 1.0], [0.0, 1.0], places, [0.0, 60.0]), body, replace(BARE, capsules=capsules)
     )
     low_mm = LEAST_MM - 9.0 - 40.0
-    assert strike.text == f"on the way (100 %) the rod, at 410 10 {low_mm:.0f}, comes 50.0 mm too far towards the table"
+    assert strike.text == f"on the way (100 %) the rod, at 410 10 {low_mm:.0f}, comes 50.0 mm too near to the table"
     half = Along([0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [places[0], places[1], places[0]], [0.0, 60.0, 120.0])
     assert sweep.strikes(half, body, replace(BARE, capsules=capsules))[0].text.startswith("on the way (50 %) the rod")
 

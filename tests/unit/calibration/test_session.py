@@ -52,7 +52,7 @@ def test_one_camera_that_was_nowhere_far_enough_from_where_it_was_says_so() -> N
     seen = find_board(drawn_board(), BOARD)
     views = [BoardView(np.eye(4), Pair(f"pose {k}", seen, None)) for k in range(4)]
     calibration = replace(Calibration(unlike_rig(), np.eye(4)), alone="left")
-    with pytest.raises(SessionError, match="too near, or share too few"):
+    with pytest.raises(SessionError, match="too near to each other, or too few"):
         verify(views, BOARD, calibration)
 
 

@@ -165,7 +165,7 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
             if text == "robot power-up":
                 self.asks = False
             if text == "where" and self.asks:
-                return done("the controller asks 'Initialize (Y/N)?': answer that first", status=1)
+                return done("the controller asks 'Initialize (Y/N)?': answer it (`robot power-up`)", status=1)
             if text == "robot cal":
                 self.said.append(text)
                 assert ask(f"{CAL}. Send it? [y/n]") == "y", "the person's own yes"

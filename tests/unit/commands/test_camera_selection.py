@@ -83,7 +83,7 @@ def test_nobody_looks_while_the_cameras_are_changed_and_a_stop_leaves_them_as_th
         await asyncio.sleep(0.1)
         with pytest.raises(RefusedError, match="busy: change cameras"):
             await here.cycle.look()
-        with pytest.raises(RefusedError, match="busy: change cameras; cameras are changed only between jobs"):
+        with pytest.raises(RefusedError, match="busy: change cameras; cameras are changed only when that has ended"):
             await here.context.look_with(None, "somebody else")
         if stopped:
             await here.cycle.supervisor.stop()

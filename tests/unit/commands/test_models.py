@@ -88,7 +88,7 @@ def test_accept_takes_the_candidate_that_was_shown_at_that_frontend_and_no_other
     with pytest.raises(CommandError) as refused:
         asyncio.run(accept.run(context, [], ann))
     assert str(refused.value) == (
-        "not accepted: you saw version 7, but the candidate is now version 8: "
+        "not accepted: somebody trained meanwhile. You saw version 7, the candidate is now version 8: "
         "`try` tests it, `accept` again takes it, `model use 7` takes the other"
     )
     assert store.current is None

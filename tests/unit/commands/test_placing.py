@@ -241,8 +241,8 @@ def test_from_which_sides_a_part_can_be_brought_to_its_places_is_told_side_by_si
     answer = say(context, "place plan cube nest", frontend)
     assert frontend.said[:3] == [
         "nest, from side 1 down: yes, 50 mm wide",
-        "nest, from side 2 down: turned in 3 of 4 ways, 2 grasps: 50 mm wide, laid down, then 49 mm wide; "
-        "else out of reach",
+        "nest, from side 2 down: in 3 of 4 headings on the table: 2 grasps: 50 mm wide, laid down, then 49 mm wide; "
+        "in the others: out of reach",
         "nest, from side 3 down: no: none of its 12 grasps in reach can set it down at nest",
     ]
     picture = context.config.places_file.with_name("place-plan.svg")

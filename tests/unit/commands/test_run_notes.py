@@ -34,7 +34,9 @@ def test_a_note_is_kept_with_who_wrote_it(context: Any) -> None:
     assert set(records(context, "note")[0]) <= set(SCHEMA["note"].__struct_fields__)
 
 
-@pytest.mark.parametrize(("typed", "told"), [("note", "what? note TEXT"), (f"note {'x' * 301}", "at most 300")])
+@pytest.mark.parametrize(
+    ("typed", "told"), [("note", "TEXT is missing: `note TEXT`"), (f"note {'x' * 301}", "at most 300")]
+)
 def test_no_note_and_one_too_long_are_refused(context: Any, typed: str, told: str) -> None:
     result = say(context, typed, FakeFrontend())
     assert told in result.text

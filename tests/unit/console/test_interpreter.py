@@ -50,7 +50,7 @@ def context(tmp_path: Path) -> object:
         ("auto on 3 evry 5", "evry: no such word; did you mean every?", 2),
         ("auto on every", "S is missing: auto on [N] [every S|signal] | auto resume | auto off | auto wait", 2),
         ("step maybe", "maybe: expected on or off; usage: step on|off", 2),
-        ("teach", "which part? teach LABEL; known labels: cube, pyramid", 2),
+        ("teach", "LABEL is missing: `teach LABEL`; known labels: cube, pyramid", 2),
         ("teach Cube!", "Cube!: a label is small letters, digits and _, as in hex_bolt", 2),
         ("teach 'cube", "teach 'cube: No closing quotation", 2),
         ("confirm", "no move is waiting for confirmation", 1),
@@ -270,9 +270,9 @@ def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(contex
 
 
 def test_what_the_cycle_refuses_is_an_answer_with_its_words(context: object) -> None:
-    context.cycle.refuse_with = "the arm is not enabled: say `enable`"  # type: ignore[attr-defined]
+    context.cycle.refuse_with = "the arm is not enabled: type `enable`"  # type: ignore[attr-defined]
     answer = say(context, "go home")
-    assert (answer.status, answer.text) == (1, "the arm is not enabled: say `enable`")
+    assert (answer.status, answer.text) == (1, "the arm is not enabled: type `enable`")
     assert answer.data["error"] == answer.text
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from daemon.events.codes import CauseCode
 from daemon.events.outcomes import is_tried
-from daemon.events.upgrade import VERSION, upgraded
+from daemon.events.upgrade import VERSION, read_prose, upgraded
 
 
 @pytest.mark.parametrize(
@@ -35,3 +36,46 @@ def test_words_that_meant_the_bin_are_read_as_the_words_of_today() -> None:
         end = {"kind": "cycle_end", "v": v, "outcome": "placed", "why": "put down what was in the hand"}
         assert upgraded(end)["outcome"] == "emptied"
         assert not is_tried(upgraded(end)["outcome"])
+
+
+@pytest.mark.parametrize(
+    ("code", "texts"),
+    [
+        (CauseCode.OPERATOR_NO, ["the operator refused: to the bin", "somebody answered no to: to the bin"]),
+        (
+            CauseCode.ARM_NOT_THERE,
+            [
+                "NotAtTargetError: grasp: sent, but WHERE is 3.12 mm and 0.41 degrees off",
+                "NotAtTargetError: grasp: the arm did not arrive: WHERE is 3.12 mm and 0.41 degrees from the target",
+                "Elsewhere: at rest 41 mm and 2 degrees from where it was sent",
+                "Elsewhere: at rest 41 mm and 2 degrees from its target",
+            ],
+        ),
+        (
+            CauseCode.LINE_NOISE,
+            [
+                "the answer to 'SPEED 5' did not come through whole",
+                "the answer to 'SPEED 5' arrived damaged (noise on the line?)",
+                "WHERE did not give its table",
+                "the answer to WHERE was incomplete",
+            ],
+        ),
+        (CauseCode.STALE_LOOK, ["the look behind it is 31.0 s old", "it was computed from a look that is 31.0 s old"]),
+        (
+            CauseCode.LOOKS_DISAGREE,
+            [
+                "the cameras were knocked: with no other part in view it cannot be told",
+                "the cameras were knocked: with no other part in view facetd cannot tell which",
+            ],
+        ),
+        (
+            CauseCode.CONTROLLER_RESTARTED,
+            [
+                "ControllerError: the controller asks 'Load VAL-II from floppy (Y/N)?': answer that first",
+                "ControllerError: the controller asks 'Load VAL-II from floppy (Y/N)?': answer it (`robot power-up`)",
+            ],
+        ),
+    ],
+)
+def test_a_text_means_the_same_cause_in_the_words_of_every_release(code: CauseCode, texts: list[str]) -> None:
+    assert [read_prose(text)["code"] for text in texts] == [code] * len(texts)

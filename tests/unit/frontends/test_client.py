@@ -144,7 +144,7 @@ def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -
     daemon.answers["look"] = [DONE]
     assert link.do("look", "here", print) == DONE["done"]
     link.close()
-    with pytest.raises(DaemonUnreachableError, match="hung up"):
+    with pytest.raises(DaemonUnreachableError, match="closed the connection"):
         link.do("look", "here", print)
 
 

@@ -1014,7 +1014,7 @@ def test_the_socket_is_given_to_the_group_that_is_named(
     [
         ([{"do": "enable", "size": [100, 30], "door": "x"}], ""),
         ([{"answer": "y"}, {"file": "AA=="}, {"no_file": "x"}, {"keys": "a"}, {"leave": True}, {"do": "enable"}], ""),
-        ([{"door": "x"}], "it holds neither do, answer, file, keys, leave, interrupt, complete nor notices"),
+        ([{"door": "x"}], "it has none of the keys do, answer, file, keys, leave, interrupt, complete, notices"),
     ],
 )
 def test_what_is_said_out_of_turn_is_passed_over_and_what_says_nothing_refused(

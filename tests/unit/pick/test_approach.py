@@ -218,5 +218,5 @@ def test_an_arm_that_somebody_nudged_before_the_last_look_is_told_and_nobody_cal
 
     context, world = twice_looked(fake, nudged)
     world.doubts = doubts
-    with pytest.raises(MovedByOthersError, match=r"somebody else moved the arm, by 8\.0"):
+    with pytest.raises(MovedByOthersError, match=r"somebody else moved the arm after it came to rest, by 8\.0"):
         step(context, world, PickState.ESTIMATING)

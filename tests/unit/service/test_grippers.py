@@ -118,7 +118,7 @@ def test_it_is_refused_with_a_part_in_the_gripper_while_something_is_done_and_fo
     job.start()
     while daemon.do("status")["data"]["doing"] is None:
         pass
-    assert "busy: home; the gripper is changed only between jobs" in refused(daemon, "gripper use cup")
+    assert "busy: home; the gripper is changed only when that has ended" in refused(daemon, "gripper use cup")
     done(daemon, "stop")
     job.join()
     assert daemon.do("status")["data"]["gripper"] == "fingers"

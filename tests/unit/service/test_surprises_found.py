@@ -267,7 +267,7 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     story.wait(0.01)
     story.sockets[1].say("where")
     story.wait(1.0)
-    refused = "busy: where; settings are changed only between jobs"
+    refused = "busy: where; settings are changed only when that has ended: wait, or `abort`"
     disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {refused}"
     assert {refused, disabled} <= set(story.texts)
     assert NO_LONGER not in story.texts
@@ -635,7 +635,7 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
         story.sockets[0].say(text)
         story.wait(0.7)
     assert "Move confirmed." not in story.texts
-    assert any("not sent yet: motion is paused" in text for text in story.texts)
+    assert any("Motion is paused: `resume` sends the move" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
 
@@ -684,12 +684,12 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     assert not cycle.supervisor.enabled
     assert cycle.supervisor.mover.belief.closed is None
     assert cycle.belief.holds_part is None
-    assert "somebody else types on this line (heard" in str(cycle.supervisor.fault)
+    assert "another terminal or program types on the controller's line (received" in str(cycle.supervisor.fault)
     before = story.cell.world_from_tool()
     story.sockets[1].say("go home")
     story.wait(5.0)
     assert (story.cell.world_from_tool() == before).all()
-    assert any("somebody else types on this line" in text for text in story.texts)
+    assert any("another terminal or program types on the controller's line" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -703,7 +703,7 @@ def test_a_line_of_others_is_told_of_though_a_stop_cut_off_who_had_found_it() ->
     story.wait(0.3)
     story.sockets[1].say("stop")
     story.wait(20.0)
-    told = any("somebody else types on this line" in text for text in story.texts)
+    told = any("another terminal or program types on the controller's line" in text for text in story.texts)
     assert not story.close()
     assert told
 
@@ -1192,7 +1192,7 @@ def test_what_somebody_types_at_an_idle_arm_that_may_not_move_is_told_within_a_s
     with story.cell.server.controller() as controller:
         controller.receive(typed, controller.now_s)
     story.wait(1.0)
-    assert "somebody else types on this line" in story.texts[-1]
+    assert "another terminal or program types on the controller's line" in story.texts[-1]
     story.wait(10.0)
     story.sockets[0].say("where")
     story.wait(1.0)

@@ -82,7 +82,7 @@ def test_corners_that_a_program_wrote_a_little_apart_are_one_wherever_they_lie(
 
 def test_units_are_believed_when_said_and_doubted_when_absurd() -> None:
     inches = drawn.obj(*drawn.box(2, 2, 2))
-    with pytest.raises(MeshError, match=r"cube\.obj: 2 mm long: is it in mm\? say cm, m, inch behind"):
+    with pytest.raises(MeshError, match=r"cube\.obj: 2 mm long: is it in mm\? type cm, m, inch after"):
         solid("cube.obj", inches)
     found = solid("cube.obj", inches, "inch")
     assert np.allclose(np.ptp(found.corners_mm, axis=0), 50.8)

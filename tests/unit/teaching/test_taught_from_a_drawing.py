@@ -106,7 +106,7 @@ class Reader:
     [
         ("cube --mesh", "FILE is missing: teach LABEL --mesh"),
         ("cube --mesh none.stl", "none.stl: No such file or directory"),
-        ("--mesh cube.stl", "which part?"),
+        ("--mesh cube.stl", "LABEL is missing"),
         ("cube --mesh cube.stl mile", "mile: no such unit; choose from: cm, inch, m, mm"),
         ("cube --mesh cube.stl mm mm", "mm: one word too many"),
         ("cube --mesh bad.obj", "bad.obj: not closed"),
@@ -189,7 +189,7 @@ def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) 
     round_one = drawn.obj(*drawn.prism(ring, 40.0))
     told = trainer.odd_drawing("cube", "cylinder.obj", round_one, "mm")
     assert told is not None
-    assert told.startswith("cube is known by 6 facets, 87 mm across; this drawing has 2, 57 mm, and no square as there")
+    assert told.startswith("cube was taught with 6 facets, 87 mm across; this drawing has 2, 57 mm, and no square")
     larger = trainer.odd_drawing("cube", "cube.obj", drawn.obj(*drawn.box(80, 80, 80)), "mm")
     assert larger is not None
     assert "139 mm" in larger

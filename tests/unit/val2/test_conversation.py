@@ -249,7 +249,7 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
         line._take = lambda data, kept: None  # type: ignore[method-assign]
         owed = PendingAnswers(line.loop.time, line.dialect.motion_s)
         line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional(), owed)
-        with pytest.raises(NoAnswer, match="no prompt after 2 attempts; is the controller on") as told:
+        with pytest.raises(NoAnswer, match=r"gives no prompt \(2 attempts\): is it on") as told:
             await line.talk.resynchronise(2)
         return told.value
 

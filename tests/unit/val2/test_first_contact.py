@@ -357,7 +357,7 @@ def test_places_by_the_pendant_count_once_and_only_far_from_the_others() -> None
     assert [f": {taken} so far" in consult.text for taken, consult in zip([0, 0, 0, 1, 2], asked[1:], strict=True)] == [
         True
     ] * 5
-    assert told == [f"all joints are within {near:.1f} degrees of a place that is known: farther, please"
+    assert told == [f"all joints are within {near:.1f} degrees of an earlier pose: move the arm farther away"
                     for near in (0.0, APART_DEG - 0.1)]  # fmt: skip
 
 
@@ -395,9 +395,15 @@ def creeping() -> Says:
             r"WHERE was answered by b'.*Undefined value.*': six numbers under X Y Z",
         ),
         (creeping(), "two WHERE in a row differ: the arm moves, or the line spoils digits"),
-        (Says({"!!": "what?"}), "is no command anywhere, and was answered by .* instead of an error between asterisks"),
+        (
+            Says({"!!": "what?"}),
+            "is not a command of VAL, but was answered by .* instead of an error between asterisks",
+        ),
         (Says({"!!": ""}), "instead of an error between asterisks"),
-        (Terminal(prompt=""), "it answers b'.*' and gives no prompt: the line's framing is another"),
+        (
+            Terminal(prompt=""),
+            "it answers b'.*' and gives no prompt: its data bits, parity or stop bits are not 8, none and 1",
+        ),
     ],
     ids=["silent", "no table", "moves", "no asterisks", "no answer", "no prompt"],
 )
@@ -433,7 +439,7 @@ def test_a_converter_that_echoes_beside_an_echoing_controller_is_told() -> None:
             twice = bytes(letter for letter in typed for _ in range(2))
             return Heard(tuple((at_s, said.replace(typed, twice, 1)) for at_s, said in heard.pieces), heard.seconds)
 
-    with pytest.raises(UnclearError, match="comes back twice: the converter on the line echoes by itself"):
+    with pytest.raises(UnclearError, match="comes back twice: the serial converter echoes as well as the controller"):
         met(Doubled(), yes)
 
 
@@ -492,7 +498,7 @@ class Drives(Terminal):
             lambda joint, degrees: "*Joint 4 out of range*" if joint == 4 else (joint, degrees),
             r"joint 4 cannot be turned: the controller says \*Joint 4 out of range\*. What does it need",
         ),
-        (lambda *_: "*Illegal command*", r"typed slowly, are answered by \*Illegal command\*: is it another system"),
+        (lambda *_: "*Illegal command*", r"typed slowly, are answered by \*Illegal command\*: another system"),
     ],
     ids=["held", "half the way", "another joint", "neither way", "unknown"],
 )  # fmt: skip

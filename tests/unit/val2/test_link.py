@@ -230,7 +230,7 @@ def test_a_port_with_nobody_behind_it_is_no_answer_in_time() -> None:
     async def scene() -> None:
         master, slave = os.openpty()
         link = Link(os.ttyname(slave), quick(resync_s=0.1))
-        with pytest.raises(NoAnswer, match="is the controller on"):
+        with pytest.raises(NoAnswer, match="gives no prompt"):
             await link.open()
         with pytest.raises(PortError, match="not open"):
             await link.where()
@@ -557,7 +557,7 @@ def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(timed_line: Mak
         cell = timed_line(Manners(line_editing=line_editing))
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.line.append(LineFault("to_controller", "flip", after=15, count=100_000))
-            with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then no prompt after 3 attempts"):
+            with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then the controller gives no prompt"):
                 await link.move(GOAL)
         np.testing.assert_allclose(cell.joints(), READY_RAD, atol=1e-9)
 
@@ -649,7 +649,7 @@ def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(timed_li
         link = cell.closed_link(quick(), belongs_together=place_and_joints_agree)
         await link.open()
         await link.command("TOOL TRANS(0,0,100,0,-90,90)")
-        with pytest.raises(Garbled, match="do not belong together: noise, or a TOOL or BASE other than ours"):
+        with pytest.raises(Garbled, match="do not fit each other: noise on the line, or somebody set TOOL or BASE"):
             await link.where()
         assert (await link.abort()).location.z_mm == pytest.approx(963.6)
         await link.close()
@@ -773,7 +773,7 @@ def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(timed_line: MakesLine) -> N
             await link.move(GOAL)
             with cell.server.controller() as controller:
                 controller.arm.halt(controller.now_s)
-            with pytest.raises(Elsewhere, match="from where it was sent") as problem:
+            with pytest.raises(Elsewhere, match="from its target") as problem:
                 await link.rest(GOAL)
             assert problem.value.where is not None
 

@@ -91,7 +91,7 @@ def test_a_controller_that_says_nothing_on_opening_is_told_to_stop_only_where_no
     async def story() -> None:
         port = Scripted(lambda *_: "", at_first="", echo=False)
         link = linked(port, echo=echo)
-        with pytest.raises(NoAnswer, match="is the controller on"):
+        with pytest.raises(NoAnswer, match="gives no prompt"):
             await link.open()
         assert ("ABORT" in port.lines) is not echo
         assert not link.connected
@@ -253,7 +253,7 @@ def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_
         link = linked(port)
         await link.open()
         assert link.question == "Load VAL-II from floppy (Y/N)?"
-        with pytest.raises(ControllerError, match="answer that first"):
+        with pytest.raises(ControllerError, match="answer it"):
             await link.speed(5.0)
         answer = await link.power_up(("Y", "N"))
         assert answer.lines[-1] == "Initialize (Y/N)?"
@@ -439,7 +439,7 @@ def test_a_place_that_its_joints_do_not_put_the_tool_at_is_asked_for_again_and_n
 
     assert lived(story(2, False)).location.x_mm == 500.0
     assert lived(story(9, True)).location.x_mm == 999.0
-    with pytest.raises(Garbled, match="do not belong together"):
+    with pytest.raises(Garbled, match="do not fit each other"):
         lived(story(9, False))
 
 
@@ -536,7 +536,7 @@ def test_a_motion_whose_answer_is_lost_is_told_with_where_the_arm_is_if_that_is_
 @pytest.mark.parametrize(
     ("at_first", "raised", "text"),
     [
-        ("", NoAnswer, "within 3 s; then no prompt after 3"),
+        ("", NoAnswer, "within 3 s; then the controller gives no prompt"),
         (ASKS, ControllerError, "the controller asks 'Are you sure"),
     ],
 )
@@ -560,7 +560,7 @@ def test_a_where_without_its_table_is_asked_for_again_some_times() -> None:
 
         came, lines, _ = told(lambda link: link.where(), says, typing_attempts=3)
         assert lines == ["WHERE"] * tries
-        assert str(came) == "WHERE did not give its table" if given > tries else isinstance(came, Where)
+        assert str(came) == "the answer to WHERE was incomplete" if given > tries else isinstance(came, Where)
 
 
 def test_an_answer_comes_back_whole_and_two_readings_are_a_pause_apart() -> None:
@@ -603,7 +603,7 @@ def test_what_a_command_asks_is_open_until_it_is_answered_and_a_stop_gets_past_i
         with pytest.raises(ControllerError, match="the controller asks 'Are you sure"):
             await link.command("CAL")
         assert link.question == "Are you sure (Y/N)?"
-        with pytest.raises(ControllerError, match="answer that first"):
+        with pytest.raises(ControllerError, match="answer it"):
             await link.speed(5.0)
         assert (await link.abort()) is not None
         assert link.question is None
@@ -1016,7 +1016,7 @@ def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(h
             continue  # the first is as long as it takes to be heard an answer of ours, the second no line
         came, lines, voided, stop_seen = lived(story(within))
         assert isinstance(came, Disturbed | Garbled)
-        assert within or "somebody else types on this line" in str(came)
+        assert within or "another terminal or program types on the controller's line" in str(came)
         assert "DO MOVES GOAL" not in lines
         assert within or (voided, stop_seen) == (1, 0)
 

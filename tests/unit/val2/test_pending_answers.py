@@ -153,7 +153,7 @@ def test_an_answer_that_comes_late_is_said_to_be_late_and_blamed_on_nobody(late_
         return said
 
     (told,) = lived(story())
-    assert told.startswith("the controller answers too late (heard 'X Y Z O A T")
+    assert told.startswith("the controller answered too late (received 'X Y Z O A T")
 
 
 def test_a_line_of_somebody_elses_is_theirs_also_while_an_answer_is_owed() -> None:

@@ -375,7 +375,7 @@ def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_i
         wire = Wire()
         session = wire.session
         session.talk.line_may_hold_rest = False
-        with pytest.raises(NoAnswer, match="after 3 attempts"):
+        with pytest.raises(NoAnswer, match=r"no prompt \(3 attempts\)"):
             await session.find_prompt(session.talk)
         assert session.talk.line_may_hold_rest
         wire.answers = [(0.001, b"\r\nAre you sure (Y/N)? ")]
@@ -519,7 +519,7 @@ def test_an_echo_that_comes_too_late_is_nobody_elses_line(heard: bytes, told: ty
 def test_prompts_to_what_looked_for_one_in_vain_are_nobody_elses_when_they_come_at_last() -> None:
     async def story() -> None:
         wire = Wire()
-        with pytest.raises(NoAnswer, match="after 3 attempts"):
+        with pytest.raises(NoAnswer, match=r"no prompt \(3 attempts\)"):
             await wire.session.find_prompt(wire.session.talk)
         await as_after_an_answer(wire)
         wire.hear(b"\r\n.")
@@ -606,7 +606,7 @@ def test_half_a_line_from_before_a_search_or_a_stop_that_nobody_answers_is_nobod
         assert not wire.session.heard_unasked
         wire.hear(b"SPE")
         assert wire.session.heard_unasked
-        with pytest.raises(Disturbed, match="heard 'SPE'"):
+        with pytest.raises(Disturbed, match="received 'SPE'"):
             async with wire.session.turn():
                 raise AssertionError("nothing may be typed")
 
@@ -656,7 +656,10 @@ def test_of_much_noise_a_message_quotes_a_little() -> None:
         return raised.value.message
 
     first, second, third = (repr(letter * 60) + "..." for letter in "ABC")
-    assert lived(story()) == f"somebody else types on this line (heard {first}, {second}, {third} and 28 more)"
+    assert lived(story()) == (
+        f"another terminal or program types on the controller's line (received {first}, {second}, {third} and 28 more)"
+        ": stay clear of the arm and find it, then `resume`"
+    )
 
 
 @pytest.mark.parametrize(("count", "more"), [(2, ""), (3, ""), (4, " and 1 more"), (9, " and 6 more")])

@@ -166,7 +166,7 @@ def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_i
     async def story() -> None:
         controller, _, link = await under_way()
         monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
-        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Encoder fault\*`: mend that"):
+        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Encoder fault\*`: remove the cause"):
             await link.abort()
         assert controller.machine.at_rest()
         assert link.stop_seen
