@@ -274,7 +274,9 @@ class DecisionMade(CycleRecord, kw_only=True):
     why: Annotated[Text, meaning("in words")] = None
     label: Annotated[Text, meaning("the part it is about")] = None
     grasps: Annotated[Count, meaning("how many grasps bring the part to where it goes, by the plan")] = None
-    slip_deg: Annotated[Number, meaning("of the chosen grasp: how far off square its contacts are", "degrees")] = None
+    slip_deg: Annotated[
+        Number, meaning("of the chosen grasp: how far off perpendicular its contacts are", "degrees")
+    ] = None
     facet: Annotated[Count, meaning("of the chosen grasp by suction: the part's facet, from 1")] = None
     room_mm: Annotated[Number, meaning("from the cup's axis to the nearest edge or hole of that facet", "mm")] = None
     load: Annotated[Number, meaning("the part's load as a share of what the cup can hold")] = None

@@ -36,9 +36,9 @@ FAULT_PROSE: tuple[tuple[str, CauseCode], ...] = (
         CauseCode.LINE_NOISE,
     ),
     (r"^(NoAnswer|PortError|Busy|controller:)", CauseCode.CONTROLLER_SILENT),
-    (r"suspect: hand-eye", CauseCode.HAND_EYE),
-    (r"suspect: camera|^calibration: (right|left) camera", CauseCode.CAMERA_KNOCKED),
-    (r"suspect: unclear|cannot be told|cannot tell which", CauseCode.LOOKS_DISAGREE),
+    (r"(?:suspect|likely cause): hand-eye", CauseCode.HAND_EYE),
+    (r"(?:suspect|likely cause): camera|^calibration: (right|left) camera", CauseCode.CAMERA_KNOCKED),
+    (r"(?:suspect|likely cause): unclear|cannot be told|cannot tell which", CauseCode.LOOKS_DISAGREE),
     (r"look behind it is|computed from a look", CauseCode.STALE_LOOK),
     (r"not enabled", CauseCode.NOT_ENABLED),
 )

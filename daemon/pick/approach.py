@@ -56,10 +56,10 @@ async def looking(
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
         return await _elsewhere(
-            context, world, "its corners are not where the look before had them", DecisionCode.MOVED_BETWEEN_LOOKS
+            context, world, "its corners are not where the look before measured them", DecisionCode.MOVED_BETWEEN_LOOKS
         )
     world.failures += 1
-    world.odd["not seen where it was thought to lie"] += 1
+    world.odd["not found at the expected position"] += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
         skip(context, world, Outcome.LOST, target, why, DecisionCode.NOT_SEEN_AGAIN)
@@ -92,7 +92,7 @@ async def estimating(
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
     plan = await context.cell.compute(same_grasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
-        why = "the grasp that was planned does not hold it as it lies"
+        why = "the planned grasp does not fit the pose in which the part lies"
         return await _elsewhere(context, world, why, DecisionCode.PLANNED_AGAIN)
     target.plan = plan
     context.cell.log.record(
@@ -127,19 +127,19 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     old, new = others(target, before), others(target, now)
     moved = await compute(beside, old, new, recogniser.shape, context.cell.rig, settings.doubt)
     who = "camera" if now.epipolar_px > settings.epipolar_limit_px else pose_fusion.suspect(moved)
-    text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
+    text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}; the limit is {CHI_SQUARE_6:g})"
     context.decide(f"suspect: {who}", text, suspected(who), label=target.label, chi2=chi)
-    world.odd["two looks at the part differ by more than both may err"] += 1
+    world.odd["two looks at the part differ by more than their errors allow"] += 1
     if who in ("camera", "hand-eye") or target.restarts:
-        raise SuspectError(f"{text}; suspect: {who}", who)
+        raise SuspectError(f"{text}; likely cause: {who}; `calibrate verify`", who)
     target.restarts += 1
     del target.sightings[:-1]
     if who == "part":
         return "part"
     world.doubts += 1
     if world.doubts > settings.tries:  # the look at the table showed each time that nothing else had moved
-        why = f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye"
-        raise SuspectError(why, "hand-eye")
+        often = f"{world.doubts} approaches in one pick, and nothing else moved"
+        raise SuspectError(f"{text}, {often}; likely cause: hand-eye; `calibrate verify`", "hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
     world.questioned = BeforeDisagreement([p for p in world.found if p not in itself], itself)
     return "unclear"

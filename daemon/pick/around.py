@@ -57,7 +57,7 @@ def thing_in(look: Look) -> CircledPart:
     """The one thing that a look shows. Raises NoThingError for none or several."""
     groups = [group for group in look.scene.view.groups if len(group.facets) > 1]
     if not groups:
-        raise NoThingError("no part is seen; put it amid the table, lit from above, nothing else near")
+        raise NoThingError("no part is seen: put it in the middle of the table, lit from above, nothing else near")
     if len(groups) > 1:
         raise NoThingError(f"{len(groups)} parts are in view; leave the one to be taught alone")
     corners = frames.apply(look.world_from_cyclopean, groups[0].polyhedron.corners_mm)

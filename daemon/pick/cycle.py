@@ -349,18 +349,19 @@ class PickCycle:
     def _must_move_the_cameras(self, command: str) -> None:
         """Raise RefusedError where a command needs looks from several sides, and the cameras are fixed."""
         if isinstance(self.cell.mounting, InWorld):
-            raise RefusedError(f"`{command}` needs cameras on the hand; these are fixed and see from one side only")
+            raise RefusedError(f"`{command}` needs cameras on the gripper; the fixed cameras see from one side only")
 
     def _must_know_the_hand(self) -> None:
         if self.belief.holds_part is None:
             raise RefusedError(
-                "facetd does not know whether the gripper holds a part: look, then say `holding yes` or `holding no`"
+                "facetd does not know whether the gripper holds a part: look into it, then type `holding yes` or "
+                "`holding no`"
             )
 
     def _must_be_empty(self) -> None:
         if self.belief.holds_part:
             raise RefusedError(
-                "a part is in the gripper: put it down first (`hand open` lets go here, `pick` over the bin)"
+                "a part is in the gripper: `hand open` drops it where the arm is, `pick` brings it to the bin"
             )
 
     def _interrupted(self, what: Interruption) -> None:
@@ -473,7 +474,8 @@ class PickCycle:
         here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
-                "with one camera a look moves the gripper aside, and it is low over the table: raise it first, `jog z`"
+                "with one camera a look moves the gripper aside, and it is low over the table: raise it first, "
+                "for example `jog z 50`"
             )
         return here
 
@@ -498,7 +500,7 @@ class PickCycle:
         if self.belief.holds_part is not False and not self.belief.capsules:
             raise RefusedError(
                 "a part may be in the gripper, and none is taught, so that facetd does not know how large it may be: "
-                "open the gripper (`hand open`), or look, and where it is empty say `holding no`"
+                "look into the gripper: if it is empty, type `holding no`; if not, `hand open`"
             )
 
     def _assume_the_longest(self) -> None:

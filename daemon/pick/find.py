@@ -144,19 +144,21 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
     if not others and itself and max(itself) <= CHI_SQUARE_6:
         context.decide(
             "approach it again",
-            "seen once more from where it was found, it lies where it lay",
+            "looked at again from the first viewpoint, the part has not moved",
             DecisionCode.PLANNED_AGAIN,
         )
         return
     who = pose_fusion.suspect(others)
-    why = "the whole table was looked at again, and held against the look before"
+    why = "the whole table was looked at again and compared with the look before"
     context.decide(f"suspect: {who}", why, suspected(who))
     if who == "unclear":
         raise SuspectError(
-            "a part moved, or the cameras were knocked: with no other part in view it cannot be told", who
+            "a part moved, or the cameras were knocked: with no other part in view facetd cannot tell which. "
+            "`calibrate verify`, or put a second part on the table",
+            who,
         )
     if who != "part":
-        raise SuspectError(f"other parts seem to have moved as well; suspect: {who}", who)
+        raise SuspectError(f"other parts seem to have moved as well; likely cause: {who}; `calibrate verify`", who)
 
 
 async def choose(
@@ -328,9 +330,9 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
     )
     for gain in gains:
         why = (
-            "does what bars the way show again?"
+            "is the facet that blocks the grasp really there?"
             if part.named
-            else f"{in_words(before)}: {gain.bits:.2f} bits hoped for"
+            else f"{in_words(before)}: {gain.bits:.2f} bits of information expected"
         )
         context.decide(f"another view of {part.label}", why, DecisionCode.ANOTHER_VIEW, label=part.label)
         try:

@@ -53,7 +53,7 @@ def ask_where_they_differ(context: PickContext, text: str | None) -> None:
     gripper stays as it is."""
     if text is not None:
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=None)
-        raise SensorDisagreesError(f"{text}: say what it holds, `holding yes` or `holding no`, then `resume`")
+        raise SensorDisagreesError(f"{text}: look into the gripper, type `holding yes` or `holding no`, then `resume`")
 
 
 async def gripper_pair(context: PickContext, target: Target | None) -> Taken | None:

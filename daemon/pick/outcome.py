@@ -69,7 +69,7 @@ class InGripper(StrEnum):
 
 def not_looked_at(label: str, where: str) -> PickResult:
     """What a pick has come to as the gripper opens where the part is to go, before a look has judged that."""
-    why = f"{label} was let go {where}, and no look followed"
+    why = f"{label} was released {where}; no look checked it"
     return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 
@@ -83,7 +83,7 @@ def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
     elif above is InGripper.EMPTY:
         why = f"the gripper came to the bin empty: {label} fell on the way"
     else:
-        why = f"{label} did not show in the gripper above the bin, so that nothing proves that it fell in"
+        why = f"{label} did not show in the gripper above the bin, so it is not proven that the part fell into the bin"
     return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 

@@ -172,11 +172,9 @@ class Regrasping:
                 return found
         goals = ", ".join(goal.place.name for goal in self._goals)
         if not ends.any():
-            why = (
-                f"no grasp that it can be taken by on any of its sides can set it down at {goals} as it is to lie there"
-            )
+            why = f"no grasp, on whichever side it lies, can set it down at {goals} as it is to lie there"
         elif most > 1:
-            why = f"no {most} grasps one after the other can set it down at {goals} as it is to lie there"
+            why = f"no sequence of up to {most} grasps can set it down at {goals} as it is to lie there"
         else:
             why = f"none of its {len(held)} grasps in reach can set it down at {goals} as it is to lie there"
         return NoPlan(CauseCode.NO_WAY_TO_PLACE, why)

@@ -114,7 +114,7 @@ async def set_down(
     except MOVE_ERRORS as error:
         raise_if_closed(error)
         if not mover.dry:
-            _note(context, world, goal, PlaceFinding(PlaceStatus.FREE, why=f"no way there: {error}"))
+            _note(context, world, goal, PlaceFinding(PlaceStatus.FREE, why=f"its place cannot be reached: {error}"))
         context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
         return PickEvent.UNREACHABLE
     if mover.dry:
@@ -228,7 +228,7 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     seen = await context.lit_look(reading, f"find {label}")
     found = [part for part in seen_parts(seen) if part.named and part.label == label]
     if shape is None or len(found) != 1:
-        raise RefusedError(f"{len(found)} parts show as {label}: one must, and must lie where it belongs")
+        raise RefusedError(f"{len(found)} parts are recognised as {label}: exactly one must be in view, at its place")
     pose, centre = found[0].world_from_part, found[0].centre
     expected = expected_at(label, shape, pose)
     sightings: list[Sighting] = []

@@ -137,7 +137,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         shape = shape if shape.facets else hull(shape.corners_mm)
         facets = upward(shape, world_from_part, self.lean_deg)
         if not facets:
-            return Grasps((), f"no flat facet of it leans by less than {self.lean_deg:g} degrees from facing up")
+            return Grasps((), f"no flat facet of it faces up to within {self.lean_deg:g} degrees")
         weight_n, mass = weight_and_middle(shape, self.density_g_cm3)
         found: list[CupGrasp] = []
         reasons: list[str] = []
@@ -146,7 +146,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             for spot in spots:
                 load = self._load_at(shape, facet, spot, (weight_n, mass), tilt_deg)
                 if load > 1.0:
-                    why = f"the part would ask {load:.1f} times what the cup holds there"
+                    why = f"the load is {load:.1f} times what the cup can hold there"
                     continue
                 for rotation in turned(shape, facet):
                     here = frames.rigid(rotation, spot.at_mm + rotation[:, 2] * self.lip_mm / 2)
@@ -171,7 +171,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             if spots and load <= 1.0:
                 taken.append(str(facet + 1))
             elif spots:
-                reasons.append(f"facet {facet + 1}: the part would ask {load:.1f} times what the cup holds there")
+                reasons.append(f"facet {facet + 1}: the load is {load:.1f} times what the cup can hold there")
             else:
                 reasons.append(f"facet {facet + 1}: {why}")
         if taken:

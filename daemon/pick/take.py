@@ -103,7 +103,7 @@ async def verify(
         return await _where_to(context, target, seen, why)
     world.failures += 1
     world.result = PickResult(Outcome.MISSED, f"{target.label} {words}", code)
-    why = f"{world.result.why}; the hand opens over the bin, as this look may err"
+    why = f"{world.result.why}; the gripper opens over the bin, because this look may be wrong"
     context.decide("missed", why, code, label=target.label)
     if world.failures >= context.settings.tries:
         skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", code)
@@ -123,10 +123,10 @@ async def _where_to(
         goal = target.way.goal
         target.held = await measure(context, target, seen.taken)
         if goal.between and _barred(goal, seen):
-            why, code = f"{why}; something shows where it was to be laid down", CauseCode.NO_WAY_TO_PLACE
+            why, code = f"{why}; something lies where the part was to be laid on the table", CauseCode.NO_WAY_TO_PLACE
         elif target.held is None:
             text, code = "bring it to the bin, not to its place", DecisionCode.NOT_MEASURED
-            why = f"{why}; its edges there do not say how it is held"
+            why = f"{why}; its edges in the gripper do not show how it is held"
         else:
             event, text = PickEvent.MEASURED, f"bring it to {goal.description}"
     context.decide(text, why, code, label=target.label)
@@ -148,7 +148,7 @@ def _judged(
     if _knocked_away(found, target, on_table):
         return "was knocked away", DecisionCode.KNOCKED_AWAY
     if came_back_empty(seen.taken, mount, settings.gripper):
-        return "is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY
+        return "is gone from where it lay, and the gripper is empty", DecisionCode.CAME_BACK_EMPTY
     return "is gone from where it lay", None
 
 
@@ -178,7 +178,7 @@ async def over_bin(
     before, lost = await gripper_pair(context, target), await sensed(context, "over the bin") is False
     await _open_gripper(context)
     if context.mover.dry:
-        world.result = PickResult(Outcome.DRY, "what is in the hand would be put down now", None)
+        world.result = PickResult(Outcome.DRY, "dry run: the part in the gripper would be released now", None)
         return PickEvent.DRY
     world.let_go = True
     if target is not None:

@@ -148,7 +148,7 @@ class FingerGrasp(PlannedGrasp):
     @property
     def description(self) -> str:
         text = f"{self.width_mm:.0f} mm wide, tilted {self.tilt_deg:g} degrees"
-        return f"{text}, contacts {self.slip_deg:.0f} degrees off square"
+        return f"{text}, contacts {self.slip_deg:.0f} degrees off perpendicular"
 
     @property
     def figures(self) -> Mapping[str, float]:

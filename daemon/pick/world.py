@@ -116,7 +116,7 @@ class PickContext:
         mover, settings, cell = self.mover, self.settings, self.cell
         if mover.dry:
             raise RefusedError(
-                "with one camera a look needs two places, and nothing moves while `dry` is on: say `dry off` first"
+                "with one camera a look needs two places, and nothing moves while `dry` is on: type `dry off` first"
             )
         world_from_camera = first.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera
         camera_from_tool, refused = frames.inverse(world_from_camera) @ first.reading.world_from_tool, ""
@@ -134,7 +134,10 @@ class PickContext:
             rest_s = cell.clock()
             second = await taken_here(cell, beside, rest_s, settings.settling)
             return rest_s, moved_pair_of(cell, first, second, settings.doubt)
-        raise RefusedError(f"no second picture can be taken beside this place: {refused}")
+        raise RefusedError(
+            f"the camera cannot go aside for the second picture: {refused}. Move the arm nearer "
+            "to the middle of the workspace"
+        )
 
     async def lit_look(self, reading: Reading, purpose: str) -> Look:
         """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp
@@ -144,7 +147,9 @@ class PickContext:
             done = await relight(self.cell, seen)
             if done is None:
                 break
-            self.decide(done, "cameras unequal, or too dark or burnt out where the parts are", DecisionCode.RELIT)
+            self.decide(
+                done, "the cameras differ in brightness, or the parts are too dark or overexposed", DecisionCode.RELIT
+            )
             seen = await self.look(seen.reading, purpose, back=k % 2 == 0)
         return seen
 
@@ -246,10 +251,14 @@ class WorldModel:
         again, not_again = self.again
         odd = [f"{what} ({often} times)" for what, often in self.odd.most_common(2)]
         if not_again:
-            odd.insert(0, f"{not_again} of {again + not_again} parts did not show again where the look before had them")
-        reasons = "; ".join(odd) or "no two looks disagreed, and what lies there was not settled"
-        blame = "; does a camera repeat itself, was one knocked? `doctor`, `calibrate verify`" if not_again else ""
-        return f"given up after {self.taken} looks and {seconds:.0f} s beside motion: {reasons}{blame}"
+            odd.insert(
+                0, f"{not_again} of {again + not_again} parts were not seen again where the look before measured them"
+            )
+        reasons = "; ".join(odd) or "the looks agree, but do not show what lies there"
+        blame = (
+            "; perhaps a camera repeats its picture, or was knocked: `doctor`, `calibrate verify`" if not_again else ""
+        )
+        return f"given up after {self.taken} looks and {seconds:.0f} s of looking and computing: {reasons}{blame}"
 
     def tell(self, context: PickContext, gained: Gained) -> None:
         """Keep what a look has brought, and log it."""

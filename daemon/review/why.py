@@ -143,7 +143,7 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
                 yield LikelyCause(CauseCode.HAND_EYE, 0.7, f"{evidence}; nothing was picked in this run", at)
     again = [r for r in cycle.of("decision") if r.get("code") in SUSPICIONS and r.get("chi2") is not None]
     if len(again) > 1:
-        evidence = f"{again[0]['why']}; and so {len(again)} times, for every part"
+        evidence = f"{again[0]['why']}; the same {len(again)} times, for every part"
         yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, seq_of(again[1]))
     for stop in cycle.stops:
         chi2 = float((stop.estimate or {}).get("chi2") or 0)
@@ -160,7 +160,8 @@ def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     parts = {str(r["label"]) for r in shifted if r.get("label")}
     again = [r for r in shifted if r["code"] == DecisionCode.MOVED_BETWEEN_LOOKS]
     if len(again) > 1 or (again and len(parts) > 1):
-        evidence = f"{', '.join(sorted(parts))} seemed to move at each look from another place ({len(shifted)} times)"
+        elsewhere = f"seemed to be elsewhere in each look from a new viewpoint ({len(shifted)} times)"
+        evidence = f"{', '.join(sorted(parts))} {elsewhere}"
         yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, seq_of(again[-1]))
 
 
@@ -276,7 +277,7 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     elif let_slip or (moved or 0.0) > SQUEEZED_OUT_MM:
         yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, f"{why}{away}{true}", at)
     elif slant > SLANTED_DEG:
-        evidence = f"{why}{away}: the fingers met it {slant:.0f} degrees off square{true}"
+        evidence = f"{why}{away}: the fingers touched it {slant:.0f} degrees off perpendicular{true}"
         yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, evidence, at)
     elif held and cycle.label not in {c.label for c in others if is_success(c.outcome)}:
         evidence = f"{why}{away}, and the gripper held {', '.join(held)}{true}"

@@ -193,7 +193,7 @@ class Trainer:
         scene = look(left, right, rig, None, self.settings, table=table)
         groups = (scene if moved is None else with_arm(scene, rig, moved.arm)).view.groups
         if not groups:
-            raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
+            raise TeachError("no part is seen: put it where both cameras see it, lit from above, nothing else near")
         most = max(len(g.facets) for g in groups)
         largest = [g for g in groups if len(g.facets) == most]
         if len(groups) > 1 and most == 1:

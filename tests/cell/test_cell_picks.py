@@ -111,7 +111,7 @@ def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_pi
 
     end, holds_part = run(story())
     assert (end.outcome, holds_part) == ("missed", False)
-    assert "the hand came back empty" in end.why
+    assert "the gripper is empty" in end.why
 
 
 @pytest.mark.parametrize(("jaws", "told"), [("meet", "came to the bin empty"), ("stay open", "nothing proves")])

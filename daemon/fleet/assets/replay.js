@@ -15,7 +15,7 @@ const kinds = Object.entries(data.kinds);
 by("tiles").append(tile("right, as the pick proved", percent(all.right[1], all.proved), `${percent(all.right[0], all.proved)} then, of ${all.proved}`),
   tile("wrong, as the pick proved", all.wrong[1], `${all.wrong[0]} then`, all.wrong[1] > all.wrong[0] ? "bad" : ""), tile("with a name", percent(all.named[1], all.parts), `${percent(all.named[0], all.parts)} then`),
   tile("poses apart, median", known(all.mm) ? `${number(all.mm)} mm` : "–", known(all.p95_mm) ? `95 %: ${number(all.p95_mm)} mm` : ""), tile("a look, median", known(all.ms[1]) ? `${number(all.ms[1])} ms` : "–", known(all.ms[0]) ? `${number(all.ms[0])} ms then` : ""),
-  tile("the same to the last digit", percent(total.identical, total.looks), `${total.identical} looks`), tile("for the worse", total.worse, "names lost or changed, poses moved", total.worse ? "bad" : ""),
+  tile("the same to the last digit", percent(total.identical, total.looks), `${total.identical} looks`), tile("worse", total.worse, "names lost or changed, poses moved", total.worse ? "bad" : ""),
   el("div", { class: "tile list" }, el("span", {}, "names that changed"), ...(kinds.length ? kinds.slice(0, 6).map(([name, n]) => el("div", {}, el("i", {}, n), ` ${name.replaceAll("_", " ")}`)) : [el("b", {}, "none")])));
 
 // ---- differences, each with its pictures: as it was, as it is now

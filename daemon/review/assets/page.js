@@ -143,7 +143,7 @@ by("strips").addEventListener("wheel", (e) => {
 }, { passive: false });
 show(0, all);
 const calm = data.strips.filter((s) => s.near === 0 && known(s.limit)).length;
-by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it.${Math.max(1, ...data.strips.map((s) => s.each)) > 1 ? " Of so many looks each point is the worst of several." : ""} Click a bar or a look to open it with its images. Zoom with Ctrl and the wheel, move with Shift and the wheel.`));
+by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "All measures are well within their limits. " : ""}Click the name of a measure to plot it.${Math.max(1, ...data.strips.map((s) => s.each)) > 1 ? " Of so many looks each point is the worst of several." : ""} Click a bar or a look to open it with its images. Zoom with Ctrl and the wheel, move with Shift and the wheel.`));
 const atPointer = (e) => {                            // what was there at the moment under the pointer
   const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
   if (part < 0 || part > 1) { cursor.hidden = true; return; }

@@ -363,7 +363,7 @@ def placed(
     pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
-    why = f"{100 * seen.evidence.share:.0f} % of what its edges could show is in the images"
+    why = f"{100 * seen.evidence.share:.0f} % of its expected edges are visible"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
     equivalents = _alike(seen.solid, pose, numbers, images)
     covariance = covariance + _spread(seen, same, alike)

@@ -139,7 +139,7 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
             if borders:
                 competing.append(_Competitor(label, pose @ motion, -nats_of(borders)))
     if not competing and rounder:  # a sharp facet is found in a rounded one, and not the other way round
-        why = f"may be {one.label} or {rounder[0]}: no corner shows that tells them apart"
+        why = f"may be {one.label} or {rounder[0]}: no visible corner distinguishes them"
         return without_name(one, why, one.part.recognition.confidence / 2, model)
     if not competing:
         return one
@@ -149,7 +149,7 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
     others = [r.nats for r in competing if r.label != ahead.label]
     if ahead.nats > APART and ahead.nats - max(others, default=-np.inf) > APART:
         return _renamed(one, ahead, model, images)
-    why = f"may be {one.label} or {ahead.label}: how round its corners are does not tell"
+    why = f"may be {one.label} or {ahead.label}: their corner radii do not distinguish them"
     return without_name(one, why, one.part.recognition.confidence / (1 + float(np.exp(ahead.nats))), model)
 
 

@@ -74,10 +74,10 @@ class Against:
     def __str__(self) -> str:
         missing, both, off, rival = np.multiply(_WEIGHTS, self.terms)
         if rival > max(missing + both, off):
-            return f"a part like it {self.how} fits better"
+            return f"a similar part ({self.how}) fits better"
         if off > missing + both:
-            return f"edges of {self.off_px:.0f} px inside it lie before or behind its faces"
-        return f"{self.missing:.0%} of what that should show is in neither picture"
+            return f"edges of {self.off_px:.0f} px inside it lie in front of or behind its faces"
+        return f"{self.missing:.0%} of the edges that it should show are in neither picture"
 
 
 def verified_names(found: Sequence[Recognised], model: Model, images: StereoImages) -> tuple[Recognised, ...]:

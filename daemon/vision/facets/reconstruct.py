@@ -21,7 +21,7 @@ from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
 UNMATCHED = "no polygon of the other camera fits along its epipolar lines"
-STOOD_ON = "the part stands on it: a shadow, or a mark on the table"
+STOOD_ON = "the part would stand on this facet: it is a shadow or a mark on the table"
 Welded = tuple[list[Candidate], Group]
 """Candidates that hang together by shared edges, and their facets as a group."""
 

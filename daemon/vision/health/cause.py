@@ -36,13 +36,13 @@ ADVICE = {
         "too near the border of the picture", "move it, or the arm, so that both cameras see it whole"
     ),
     Cause.DARK: Advice("too dark where it lies", "add light, or lengthen exposure_us"),
-    Cause.BURNT: Advice("burnt out where it lies", "take light away, or shorten exposure_us"),
-    Cause.HIDDEN: Advice("part of it does not show", "look nearer or from another side, or move what lies before it"),
+    Cause.BURNT: Advice("overexposed where it lies", "reduce the light, or shorten exposure_us"),
+    Cause.HIDDEN: Advice("part of it does not show", "look from nearer or from another side, or move what covers it"),
     Cause.ALIKE: Advice("too little of it shows to tell it from another part", "look from another side, or turn it"),
     Cause.PATTERNED: Advice(
-        "the pattern of the table runs into its edges", "put it on a plain ground, or light it better"
+        "the pattern of the table runs into its edges", "put it on a plain surface, or light it better"
     ),
-    Cause.STRANGE: Advice("nothing like it was taught", "teach it, or this side of it"),
+    Cause.STRANGE: Advice("it does not look like any taught part", "teach it, or this side of it"),
 }
 
 

@@ -34,7 +34,7 @@ class Measure:
 
 
 MEASURES = {
-    "saturation": Measure(5.0, "% of pixels", True, "too bright: shorten exposure_us, lower gain, or take light away"),
+    "saturation": Measure(5.0, "% of pixels", True, "too bright: shorten exposure_us, lower gain, or reduce the light"),
     "darkness": Measure(30.0, "grey levels", False, "too dark: lengthen exposure_us, raise gain, or add light"),
     "covered": Measure(4.0, "grey levels", False, "nothing to see: is the lens covered, or the light off?", True),
     "focus": Measure(1.5, "px", True, "out of focus: focus the lens at the working distance, or clean it"),

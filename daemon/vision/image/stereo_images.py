@@ -217,8 +217,8 @@ def check_aside(camera: RectifiedCamera, image_size: tuple[int, int], name: str)
     aside = _aside_deg(camera, image_size)
     if not aside >= LEAST_ASIDE_DEG:
         raise VisionError(
-            f"{name}: taken along the line from camera to camera ({aside:.0f} degrees off it at the rim, at least "
-            f"{LEAST_ASIDE_DEG:.0f} are needed), which gives no depth: set the cameras side by side and run "
+            f"{name}: the camera looks along the line between the two cameras ({aside:.0f} degrees off it at the rim, "
+            f"at least {LEAST_ASIDE_DEG:.0f} are needed), which gives no depth: set the cameras side by side and run "
             "`facetctl calibrate stereo`; one camera that is moved: move it sideways"
         )
 

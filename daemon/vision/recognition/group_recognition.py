@@ -242,10 +242,10 @@ def _verdict(
     first = standing[0]
     chance = chances[first.label]
     if len(seen.facets) == 1:
-        why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
+        why = f"one facet ({seen.facets[0].type}) is not enough: it fits {' and '.join(labels)}"
         return _silent(ranking, 1 - chance, why, labels)
     if chance < LEAST_PROBABILITY:
-        why = f"fits {' and '.join(labels)} at {chance:.0%} for the first"
+        why = f"fits {' and '.join(labels)} ({chance:.0%} for the first)"
         return _silent(ranking, 1 - chance, why, labels)
     answer = next(
         one for one in proposed if one.label == first.label and np.array_equal(one.way.corners, first.corners)

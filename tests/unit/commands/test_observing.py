@@ -24,7 +24,7 @@ def test_a_part_without_a_name_comes_with_the_cause_and_what_to_do_about_it() ->
     told = describe_scene(
         Scene((Part(why, (facet,), np.eye(4), np.eye(6), 0.1),), (), FacetView((), (), (), (), 2.0), (note,)), 80
     )
-    assert "not named: part of it does not show; look nearer or from another side, or move what lies before it" in told
+    assert "not named: part of it does not show; look from nearer or from another side, or move what covers it" in told
     assert note not in told
 
 

@@ -60,6 +60,20 @@ def test_words_that_meant_the_bin_are_read_as_the_words_of_today() -> None:
                 "the answer to WHERE was incomplete",
             ],
         ),
+        (
+            CauseCode.HAND_EYE,
+            [
+                "SuspectError: looks 1 and 2 disagree; suspect: hand-eye",
+                "SuspectError: looks 1 and 2 disagree; likely cause: hand-eye; `calibrate verify`",
+            ],
+        ),
+        (
+            CauseCode.CAMERA_KNOCKED,
+            [
+                "SuspectError: looks 1 and 2 disagree; suspect: camera",
+                "SuspectError: looks 1 and 2 disagree; likely cause: camera; `calibrate verify`",
+            ],
+        ),
         (CauseCode.STALE_LOOK, ["the look behind it is 31.0 s old", "it was computed from a look that is 31.0 s old"]),
         (
             CauseCode.LOOKS_DISAGREE,

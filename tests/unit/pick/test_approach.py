@@ -117,7 +117,7 @@ def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after
     assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
     assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert "not seen where it was" in world.result.why
-    assert world.odd == {"not seen where it was thought to lie": context.settings.views_of_doubtful + 1}
+    assert world.odd == {"not found at the expected position": context.settings.views_of_doubtful + 1}
 
 
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):
@@ -188,7 +188,7 @@ def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():
         shifted(fake, "cube", 5, 0, 0)
 
     context, world = twice_looked(fake, knocked)
-    with pytest.raises(SuspectError, match="suspect: camera"):
+    with pytest.raises(SuspectError, match="likely cause: camera"):
         step(context, world, PickState.ESTIMATING)
     fake = one_part()
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
@@ -203,7 +203,7 @@ def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_ar
     fake.put("pyramid", 430, -200, 0.4)
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     world.doubts = context.settings.tries
-    with pytest.raises(SuspectError, match=r"3 approaches in one pick.*suspect: hand-eye"):
+    with pytest.raises(SuspectError, match=r"3 approaches in one pick.*likely cause: hand-eye"):
         step(context, world, PickState.ESTIMATING)
 
 

@@ -220,7 +220,7 @@ def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
 
     cycle.recogniser.see = with_walls
     end = asyncio.run(cycle.pick())
-    assert "does what bars the way show again?" in [r["why"] for r in world.said("decision")]
+    assert "is the facet that blocks the grasp really there?" in [r["why"] for r in world.said("decision")]
     barred = [s.why for s in cycle.skipped if s.label == "cube" and s.outcome == "unreachable"]
     assert any("blocked by a neighbour" in why for why in barred) == lasts
     assert (end.outcome == "picked") == (not lasts), end.why

@@ -47,7 +47,12 @@ SUCKED = CupGrasp(np.eye(4), 20.0, facet=3, room_mm=14.25, load=0.42)
 @pytest.mark.parametrize(
     ("grasp", "risk", "words", "figures"),
     [
-        (HELD, 9.0 / SLIPS_DEG, "42 mm wide, tilted 10 degrees, contacts 9 degrees off square", {"slip_deg": 9.0}),
+        (
+            HELD,
+            9.0 / SLIPS_DEG,
+            "42 mm wide, tilted 10 degrees, contacts 9 degrees off perpendicular",
+            {"slip_deg": 9.0},
+        ),
         (
             SUCKED,
             0.42,

@@ -141,7 +141,7 @@ def test_no_part_is_laid_down_more_often_than_three_grasps_ask_for(
 def test_what_no_three_grasps_can_do_is_said_before_anything_is_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    none = NoPlan(CauseCode.NO_WAY_TO_PLACE, "no 3 grasps one after the other can set it down")
+    none = NoPlan(CauseCode.NO_WAY_TO_PLACE, "no sequence of up to 3 grasps can set it down")
     monkeypatch.setattr("daemon.pick.regrasp.Regrasping.plan", lambda *_: none)
     story = Turned(tmp_path)
     end = story.pick()

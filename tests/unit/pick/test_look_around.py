@@ -199,7 +199,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
     rays = [np.array(look["world_from_cyclopean"])[:3, 3] - pose[:3, 3] for look in looks]
     rays = [ray / np.linalg.norm(ray) for ray in rays]
     assert max(float(a @ b) for k, a in enumerate(rays) for b in rays[:k]) < np.cos(np.radians(30.0))
-    with pytest.raises(RefusedError, match="0 parts show as pyramid"):
+    with pytest.raises(RefusedError, match="0 parts are recognised as pyramid"):
         lived(cycle.locate("pyramid"))
 
 

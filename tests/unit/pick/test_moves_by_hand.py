@@ -87,7 +87,7 @@ def test_with_one_camera_a_gripper_low_amid_the_parts_goes_aside_for_no_look() -
     object.__setattr__(cycle.cell, "alone", "left")
     world.at = world.at.copy()
     world.at[:3, 3] = 480.0, 0.0, -270.0
-    with pytest.raises(RefusedError, match="low over the table: raise it first, `jog z`"):
+    with pytest.raises(RefusedError, match="low over the table: raise it first, for example `jog z 50`"):
         asyncio.run(cycle.look())
     assert not world.said("move")
 

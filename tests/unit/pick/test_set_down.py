@@ -354,7 +354,7 @@ def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
     monkeypatch.setattr(set_down, "look", with_edges)
     pose = asyncio.run(story.cycle.locate("cube"))
     np.testing.assert_allclose(pose[:3, 3], story.fake.lying["cube"][:3, 3], atol=3.0)
-    with pytest.raises(RefusedError, match="0 parts show as pyramid"):
+    with pytest.raises(RefusedError, match="0 parts are recognised as pyramid"):
         asyncio.run(story.cycle.locate("pyramid"))
 
 

@@ -261,7 +261,7 @@ def test_a_part_that_was_lost_behind_the_verifying_look_is_released_and_not_pick
     fake.held = None
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert world.result.outcome == "released"
-    assert "nothing proves that it fell in" in world.result.why
+    assert "it is not proven that the part fell into the bin" in world.result.why
     assert released_as(fake) == [("cube", "unclear", "unclear")]
     assert not fake.binned
 

@@ -289,7 +289,7 @@ def test_grasps_come_unblocked_before_blocked_then_firm_before_slipping_then_upr
 
 def test_a_grasp_says_how_wide_how_tilted_and_how_square_it_is():
     grasp = FingerGrasp(np.eye(4), 20.0, width_mm=34.6, slip_deg=7.4)
-    assert grasp.description == "35 mm wide, tilted 20 degrees, contacts 7 degrees off square"
+    assert grasp.description == "35 mm wide, tilted 20 degrees, contacts 7 degrees off perpendicular"
 
 
 def test_a_grasp_is_found_again_only_among_those_turned_nearly_as_before():

@@ -42,8 +42,10 @@ def test_a_pick_whose_looks_never_agree_ends_and_says_what_disagreed(monkeypatch
     end = asyncio.run(cycle.pick())
     assert 7 <= len(world.said("look")) < 11
     assert (cycle.state, end.outcome) == ("idle", "unsure")
-    assert re.search(r"given up after \d+ looks and \d+ s beside motion: \d+ of \d+ parts did not show again", end.why)
-    assert "does a camera repeat itself" in end.why
+    assert re.search(
+        r"given up after \d+ looks and \d+ s of looking and computing: \d+ of \d+ parts were not seen again", end.why
+    )
+    assert "perhaps a camera repeats its picture" in end.why
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -156,8 +158,8 @@ def test_a_pick_is_too_long_by_its_looks_or_by_its_time_beside_motion(taken: int
     if told is not None:
         beside_s = now_s - 107.0
         assert told == (
-            f"given up after {taken} looks and {beside_s:.0f} s beside motion: "
-            "no two looks disagreed, and what lies there was not settled"
+            f"given up after {taken} looks and {beside_s:.0f} s of looking and computing: "
+            "the looks agree, but do not show what lies there"
         )
 
 
@@ -167,8 +169,8 @@ def test_what_disagreed_most_often_is_told_first_and_cameras_are_named_where_par
     told = world.too_long(clocked(0.0))
     assert told is not None
     assert told.partition(": ")[2] == (
-        "3 of 7 parts did not show again where the look before had them; often (5 times); twice (2 times); "
-        "does a camera repeat itself, was one knocked? `doctor`, `calibrate verify`"
+        "3 of 7 parts were not seen again where the look before measured them; often (5 times); twice (2 times); "
+        "perhaps a camera repeats its picture, or was knocked: `doctor`, `calibrate verify`"
     )
     told = WorldModel([], taken=MOST_LOOKS, again=(4, 0), odd=odd).too_long(clocked(0.0))
     assert told is not None

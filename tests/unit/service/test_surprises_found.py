@@ -56,7 +56,7 @@ def test_what_the_cameras_see_in_the_hand_is_not_gone_round() -> None:
         story.wait(0.7)
     before = story.cell.world_from_tool()
     story.wait(8.0)
-    assert any("a part is in the gripper: put it down first" in text for text in story.texts)
+    assert any("a part is in the gripper: `hand open` drops it where the arm is" in text for text in story.texts)
     assert (story.cell.world_from_tool() == before).all()
     assert story.close() == ()
 
@@ -553,7 +553,7 @@ def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_camera(story: Story
     story.wait(0.5)
     assert story.cell.controller.machine.at_rest()
     assert (story.cell.world_from_tool() == before).all()
-    assert any("raise it first, `jog z`" in text for text in story.texts)
+    assert any("raise it first, for example `jog z 50`" in text for text in story.texts)
     assert story.violations() == ()
 
 

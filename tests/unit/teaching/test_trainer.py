@@ -34,7 +34,7 @@ def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(train
 
 def test_nothing_in_view_is_refused_with_what_to_do_and_nothing_is_kept(trainer: Trainer) -> None:
     grey = np.full((480, 640), 90, np.uint8)
-    with pytest.raises(TeachError, match="no part is seen; put it where both cameras see it"):
+    with pytest.raises(TeachError, match="no part is seen: put it where both cameras see it"):
         trainer.store("cube", grey, grey, {})
     assert trainer.model_store.views() == []
     with pytest.raises(TeachError, match="no views to train on"):

@@ -91,7 +91,7 @@ def test_a_rig_that_looks_along_its_baseline_is_refused_at_once() -> None:
     forward = [replace(own.left, cyclopean_from_camera=frames.rigid(np.eye(3)[[2, 1, 0]] * [[1], [1], [-1]], at))
                for at in (np.array([-30.0, 0, 0]), np.array([30.0, 0, 0]))]  # fmt: skip
     with pytest.raises(
-        VisionError, match=r"left image: taken along the line from camera to camera .* move it sideways"
+        VisionError, match=r"left image: the camera looks along the line between the two cameras .* move it sideways"
     ):
         open_stereo(*PAIR, StereoRig(forward[0], forward[1], own.image_size))
 

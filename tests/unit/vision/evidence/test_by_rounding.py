@@ -112,7 +112,7 @@ def test_a_look_that_shows_no_corner_that_tells_says_which_two(pair, shown, monk
     monkeypatch.setattr(by_rounding, "borders_seen", lambda *_: [])
     found, scene = named(pair, shown[0])
     assert not found
-    assert any("no corner shows that tells them apart" in part.recognition.reason for part in scene.parts)
+    assert any("no visible corner distinguishes them" in part.recognition.reason for part in scene.parts)
     alone = learn_solids(empty_model(load_facets()), [(pair[0].label, pair[0].drawing.solid, pair[0].label)])
     assert [p.recognition.label for p in look(shown[0].left, shown[0].right, true_rig(cell()), alone).parts] == [
         "sharp"

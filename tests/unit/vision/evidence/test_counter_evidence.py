@@ -106,7 +106,9 @@ def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_
     assert missing_in_both_px(seen) > 50.0
     verdict = checked(images_of("cut")).recognition
     assert verdict.label == "unknown"
-    said = re.fullmatch(r"may be block, but (\d+)% of what that should show is in neither picture", verdict.reason)
+    said = re.fullmatch(
+        r"may be block, but (\d+)% of the edges that it should show are in neither picture", verdict.reason
+    )
     assert said is not None
     assert int(said[1]) == pytest.approx(100 * share, abs=2)
 
@@ -125,7 +127,9 @@ def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_
     pictures = photo.left, photo.right
     scene = look(*pictures, true_rig(cell()), other)
     assert not any(part.named for part in scene.parts)
-    assert any("of what that should show is in neither picture" in part.recognition.reason for part in scene.parts)
+    assert any(
+        "of the edges that it should show are in neither picture" in part.recognition.reason for part in scene.parts
+    )
     monkeypatch.setattr(counter_evidence, "MOST_LIKELY_DUPLICATE", 1.0)
     assert any(part.named for part in look(*pictures, true_rig(cell()), other).parts)
 
@@ -196,9 +200,9 @@ def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
 
 
 def test_it_is_said_what_speaks_most_against_a_part() -> None:
-    assert str(Against(0.1, 30.0, 0.0, 3.0)) == "10% of what that should show is in neither picture"
-    assert str(Against(0.01, 0.0, 80.0, 0.0)) == "edges of 80 px inside it lie before or behind its faces"
-    assert str(Against(0.03, 0.0, 0.0, 30.0, "mirrored")) == "a part like it mirrored fits better"
+    assert str(Against(0.1, 30.0, 0.0, 3.0)) == "10% of the edges that it should show are in neither picture"
+    assert str(Against(0.01, 0.0, 80.0, 0.0)) == "edges of 80 px inside it lie in front of or behind its faces"
+    assert str(Against(0.03, 0.0, 0.0, 30.0, "mirrored")) == "a similar part (mirrored) fits better"
 
 
 @pytest.mark.parametrize(("family", "seed", "name"), STRANGERS)
