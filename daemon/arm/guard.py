@@ -104,7 +104,7 @@ class Refusal:
 Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
 
 
-def _fault_stands(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
+def _fault_active(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
     return f"a fault is active ({state.fault}): `resume` first" if state.fault is not None else None
 
 
@@ -192,7 +192,7 @@ def _stale_look(command: MoveCommand, state: ArmState, limits: Limits) -> str | 
 # The order matters: a refusal names the first broken rule, and later rules may rely on earlier ones.
 # None: a rule for paths only, which sweep.py checks.
 RULES: tuple[tuple[str, Rule | None], ...] = (
-    ("fault_stands", _fault_stands),
+    ("fault_active", _fault_active),
     ("not_enabled", _not_enabled),
     ("not_a_location", _not_a_location),
     ("arm_lost", _arm_lost),

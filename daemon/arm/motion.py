@@ -455,7 +455,7 @@ class Mover:
     def _check_gripper_permitted(self) -> None:
         hindrance = self.permit.hindrance
         if hindrance is not None or not self.permit.enabled:
-            name = "fault_stands" if hindrance is not None else "not_enabled"
+            name = "fault_active" if hindrance is not None else "not_enabled"
             raise self._refused(Refusal(name, f"the gripper does not move: {hindrance or 'the arm is not enabled'}"))
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:

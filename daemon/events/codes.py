@@ -27,7 +27,7 @@ class CauseCode(StrEnum):
     OPERATOR_STOP = ("operator_stop", "operator's stop", "operator",
         "find out who stopped it (the journal names person and frontend); once they agree: `resume`")
     OPERATOR_ABORT = "operator_abort", "operator's abort", "operator", "the part was given up; `pick` tries it again"
-    OPERATOR_NO = ("operator_no", "operator's no", "operator",
+    OPERATOR_NO = ("operator_no", "operator refused a move", "operator",
         "somebody refused the move in step mode; `step off` ends the questions")
     EMERGENCY_STOP = ("emergency_stop", "emergency stop", "arm",
         "find out why it was pressed, unlatch it, switch arm power on, then `resume`")
@@ -36,7 +36,7 @@ class CauseCode(StrEnum):
     ENVELOPE_ERROR = ("envelope_error", "envelope error", "arm",
         "a joint did not follow: see what it struck or what blocks it, switch arm power on, then `resume`")
     CONTROLLER_RESTARTED = ("controller_restarted", "controller restarted", "arm",
-        "its power failed: `robot power-up`, `robot cal`, then `enable`")
+        "its power failed: `robot power-up`, `resume` if there is a fault, `enable`, then `robot cal`")
     CONTROLLER_SILENT = ("controller_silent", "controller silent", "line",
         "check that the controller is on, the serial cable plugged in at both ends, arm.port right; then `resume`")
     CONTROLLER_REFUSED = ("controller_refused", "controller refused", "arm",
@@ -55,8 +55,8 @@ class CauseCode(StrEnum):
         "check pick.limits.table_z_mm against the table's height; try `calibrate touch`")
     OUTSIDE_WORKSPACE = ("outside_workspace", "outside the workspace", "guard",
         "move the part, or widen pick.limits.box_low_mm and box_high_mm with care")
-    KEPT_OUT = ("kept_out", "kept out", "guard",
-        "a keep-out box is in the way: move the part, or correct pick.limits.keep_out")
+    KEPT_OUT = ("kept_out", "keep-out box or room limit in the way", "guard",
+        "move the part; or compare pick.limits.keep_out, room_low_mm and room_high_mm with the cell, and correct them")
     MOVE_REFUSED = ("move_refused", "a move the guard refused", "guard",
         "the rule and its limit are in pick.limits; change them with care")
     BLOCKED = "blocked", "blocked by a neighbour", "table", "move the parts apart"
@@ -72,7 +72,7 @@ class CauseCode(StrEnum):
         "find the part; then `place check`, or `place clear` where nothing lies there")
     NOT_WHERE_LAID = ("not_where_laid", "not seen where it was laid down", "table",
         "find the part, lay it on the table alone; it slid or toppled when the gripper opened: see the run's page")
-    CAMERA_LOST = ("camera_lost", "camera cable", "camera",
+    CAMERA_LOST = ("camera_lost", "camera not connected", "camera",
         "plug it in at both ends and fasten it; `facetctl cameras` lists the cameras present; then `resume`")
     LENS_COVERED = "lens_covered", "lens covered", "camera", "take off what covers the lens; then `resume`"
     LIGHT_OFF = "light_off", "light off", "light", "switch the light on; then `resume`"
@@ -85,7 +85,7 @@ class CauseCode(StrEnum):
         "cameras.left and cameras.right name the same device: name two")
     CAMERAS_SWAPPED = "cameras_swapped", "cameras swapped", "camera", "exchange cameras.left and cameras.right"
     CAMERA_KNOCKED = "camera_knocked", "camera knocked", "calibration", "fasten it, then `calibrate stereo`"
-    HAND_EYE = ("hand_eye", "hand-eye", "calibration",
+    HAND_EYE = ("hand_eye", "hand-eye calibration off", "calibration",
         "the cameras have moved on the gripper: fasten them, `calibrate verify`, then `calibrate hand-eye`")
     LOOKS_DISAGREE = ("looks_disagree", "looks disagree", "calibration",
         "the part moved, or the cameras did: `calibrate verify` shows which")
@@ -109,16 +109,17 @@ class CauseCode(StrEnum):
     RELEASE_UNCONFIRMED = ("release_unconfirmed", "release not confirmed", "grasp",
         "look into the bin for the part; if this recurs, move pick.bin to a place with a plain background")
     PART_SLIPPED = ("part_slipped", "part slipped", "grasp",
-        "clean part and pads; a lower pick.gripper.friction selects squarer grasps")
-    GRIPPER = ("gripper", "gripper", "grasp",
+        "clean part and pads; with a lower pick.gripper.friction facetd chooses grasps whose contacts are nearer to "
+        "perpendicular")
+    GRIPPER = ("gripper", "gripper does not open or close", "grasp",
         "check that the fingers open to pick.gripper.opening_mm and close (air, valve); then `calibrate touch`")
     SENSOR_DISAGREES = ("sensor_disagrees", "gripper's sensor disagrees", "grasp",
-        "look into the gripper, say what it holds (`holding`), then `resume`; test the sensor with `signal`")
-    LOOK_AFTER_LIFT = ("look_after_lift", "look after the lift", "images",
+        "look into the gripper, type what it holds (`holding`), then `resume`; test the sensor with `signal`")
+    LOOK_AFTER_LIFT = ("look_after_lift", "the look after the lift was wrong", "images",
         "count the parts in the bin; the image after the lift shows what facetd took for the part")
-    CUT_OFF = ("cut_off", "cut off", "computer",
-        "power cut, kill or crash: see the journal of that minute; then enter what the gripper holds: `holding`")
-    COMPUTATION = ("computation", "calculation without an answer", "computer",
+    CUT_OFF = ("cut_off", "interrupted by a crash or power cut", "computer",
+        "power cut, kill or crash: see the journal of that minute; then type what the gripper holds: `holding`")
+    COMPUTATION = ("computation", "a computation failed", "computer",
         "a process that computes was killed, ran out of memory or took too long: see what else takes memory and "
         "processor, then `resume`; if it recurs, send a `bundle`")
     INTERNAL = "internal", "a fault in facetd", "computer", "please send a `bundle`"
@@ -133,7 +134,7 @@ class CauseCode(StrEnum):
     MOVED_BY_OTHERS = ("moved_by_others", "arm moved by somebody else", "operator",
         "keep hands and pendant off during picks; then `resume`")
     RESTARTED = ("restarted", "daemon restarted", "computer",
-        "see the journal for why it ended; enter what the gripper holds (`holding`), then `resume`")
+        "see the journal for why it ended; type what the gripper holds (`holding`), then `resume`")
     COMPUTER_SLEPT = ("computer_slept", "computer slept", "computer",
         "keep the computer from suspending or halting; then `resume`")
     UNMATCHED_OUTLINES = ("unmatched_outlines", "outlines without a facet", "images",
@@ -143,6 +144,12 @@ class CauseCode(StrEnum):
 
 
 BY_SUMMARY: Mapping[str, CauseCode] = {cause.summary: cause for cause in CauseCode}
+EARLIER_SUMMARIES: Mapping[str, CauseCode] = {
+    "operator's no": CauseCode.OPERATOR_NO, "kept out": CauseCode.KEPT_OUT, "camera cable": CauseCode.CAMERA_LOST,
+    "hand-eye": CauseCode.HAND_EYE, "gripper": CauseCode.GRIPPER, "look after the lift": CauseCode.LOOK_AFTER_LIFT,
+    "cut off": CauseCode.CUT_OFF, "calculation without an answer": CauseCode.COMPUTATION,
+}  # fmt: skip
+"""Summaries of earlier releases, which tables of several cells (daemon/fleet) hold."""
 
 
 def cause_code(code: object) -> CauseCode:

@@ -72,8 +72,10 @@ WORDS: dict[str, dict[str, dict[str, str]]] = {
     },
     "left": {"state": {"place": "bin"}},
     "cycle_end": {"outcome": {"placed": Outcome.EMPTIED}},
+    "refusal": {"rule": {"fault_stands": "fault_active"}},
 }
-"""Words that had another meaning before parts were set down at places, by kind and field, in records of any version."""
+"""Words that had another meaning before parts were set down at places, and a rule's earlier name, by kind and field, in
+records of any version."""
 
 
 def upgraded(record: Record) -> Record:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from daemon.events.codes import EARLIER_SUMMARIES
 from daemon.fleet.layout import FILE
 from daemon.fleet.schema import TABLES
 from daemon.fleet.store import Store, StoreError
@@ -11,18 +12,27 @@ from daemon.store.folders import how_to_add
 SQL_KINDS = {
     "text": "VARCHAR", "integer": "BIGINT", "real": "FLOAT", "flag": "BOOLEAN", "time": "TIMESTAMPTZ", "day": "DATE",
 }  # fmt: skip
+
+
+def quoted(text: str) -> str:
+    """A text as a literal of SQL."""
+    return "'" + text.replace("'", "''") + "'"
+
+
 READ = (
     "FROM read_parquet({files}, union_by_name = true, hive_partitioning = true, "
     "hive_types = {{'cell': VARCHAR, 'month': VARCHAR}})"
 )
 VIEW = "CREATE VIEW {table} AS " + READ
+RENAMED = " ".join(f"WHEN {quoted(old)} THEN {quoted(code.summary)}" for old, code in EARLIER_SUMMARIES.items())
 STOPPED = "outcome = 'fault' AND cause = 'operator''s stop'"
 UPGRADED = {
     "cycles": f""" REPLACE (CASE WHEN {STOPPED} THEN 'aborted' ELSE outcome END AS outcome,
-    tried AND outcome NOT IN ('aborted', 'unfinished') AND ({STOPPED}) IS NOT TRUE AS tried)"""
+    tried AND outcome NOT IN ('aborted', 'unfinished') AND ({STOPPED}) IS NOT TRUE AS tried,
+    CASE cause {RENAMED} ELSE cause END AS cause)"""
 }
-"""Converts rows of earlier versions: a person's stop was a fault, and picks ended by a person or by the end of the run
-counted as tried."""
+"""Converts rows of earlier versions: a person's stop was a fault, picks ended by a person or by the end of the run
+counted as tried, and some causes had other names."""
 
 
 def opened(store: Store, months: Sequence[str] | None = None) -> Any:

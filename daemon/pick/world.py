@@ -49,7 +49,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.store.place_status import AT_PLACE_MM
 
-STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
+STANDING_RULES = ("fault_active", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
 AT_BOX_MM = 4.0
 """Facets without a name whose corners all lie this near to boxes that the arm keeps out of, a fixture's or a post's,

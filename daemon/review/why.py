@@ -121,7 +121,7 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         return
     for record in cycle.of("refusal"):
         rule = str(record.get("rule"))
-        if rule != "fault_stands":
+        if rule != "fault_active":
             code = BY_RULE.get(rule, CauseCode.MOVE_REFUSED)
             yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", seq_of(record))
     if cycle.outcome == Outcome.UNREACHABLE:

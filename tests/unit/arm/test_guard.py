@@ -44,7 +44,7 @@ def met(rule):
 
 
 BROKEN = [
-    ("fault_stands", command(), ArmState(True, "stopped", AT, 100.0)),
+    ("fault_active", command(), ArmState(True, "stopped", AT, 100.0)),
     ("not_enabled", command(), ArmState(False, None, AT, 100.0)),
     ("not_a_location", command(np.full((4, 4), np.nan)), STANDING),
     ("not_a_location", command(np.diag([1.0, 1.0, -1.0, 1.0])), STANDING),

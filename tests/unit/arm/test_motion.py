@@ -109,7 +109,7 @@ def age(mover: Mover, world: World) -> None:
 
 @pytest.mark.parametrize(
     ("meanwhile", "rule"),
-    [(disable, "not_enabled"), (stop, "fault_stands"), (lose, "arm_lost"), (age, "stale_look")],
+    [(disable, "not_enabled"), (stop, "fault_active"), (lose, "arm_lost"), (age, "stale_look")],
 )
 def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
     world = World(np.random.default_rng(0))
@@ -414,7 +414,7 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
     assert len(world.said("moved")) == 1
 
 
-@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_stands")])
+@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_active")])
 def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
@@ -427,7 +427,7 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
     assert not world.wire
 
 
-@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_stands")])
+@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_active")])
 def test_what_came_while_the_hand_was_held_back_keeps_it_as_it_is(meanwhile, rule):
     world = World(np.random.default_rng(0))
 

@@ -588,7 +588,7 @@ def test_what_is_outside_the_room_may_come_in_and_go_no_farther_out():
 def test_the_rules_of_the_moment_go_before_the_way():
     some = travel(hand(560, -200, 0), hand(560, 200, 0))
     fault = ArmState(True, "stopped", some.start.world_from_tool, 0.0)
-    assert path_refusal(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_stands"
+    assert path_refusal(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_active"
     lost = ArmState(True, None, None, 0.0)
     assert path_refusal(some.command, lost, None, ROBOT, LIMITS).rule == "arm_lost"
 

@@ -38,6 +38,12 @@ def test_words_that_meant_the_bin_are_read_as_the_words_of_today() -> None:
         assert not is_tried(upgraded(end)["outcome"])
 
 
+def test_a_rule_of_an_earlier_name_is_read_by_its_name_of_today() -> None:
+    for v in (1, VERSION):
+        assert upgraded({"v": v, "kind": "refusal", "rule": "fault_stands"})["rule"] == "fault_active"
+        assert upgraded({"v": v, "kind": "refusal", "rule": "below_table"})["rule"] == "below_table"
+
+
 @pytest.mark.parametrize(
     ("code", "texts"),
     [

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.events.codes import BY_SUMMARY, EARLIER_SUMMARIES, CauseCode
 from daemon.fleet.collect import collect, source_of
 from daemon.fleet.layout import add_month, add_rows, rows_of, schema_of
 from daemon.fleet.schema import TABLES, VERSION
@@ -125,8 +126,12 @@ def test_a_persons_stop_of_an_older_schema_is_no_tried_pick(store: Store) -> Non
     path = Path(store.path("tables", "cycles", "cell=north", "month=2025-12", "rows.parquet"))
     path.parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows, schema), path)
-    found = opened(store).execute("SELECT outcome, tried FROM cycles ORDER BY ALL").fetchall()
-    assert found == [("aborted", False), ("fault", True), ("picked", True), ("unfinished", False)]
+    found = opened(store).execute("SELECT outcome, tried, cause FROM cycles ORDER BY ALL").fetchall()
+    assert found == [
+        ("aborted", False, CauseCode.OPERATOR_STOP.summary), ("fault", True, CauseCode.CAMERA_LOST.summary),
+        ("picked", True, None), ("unfinished", False, CauseCode.CUT_OFF.summary),
+    ]  # fmt: skip
+    assert not EARLIER_SUMMARIES.keys() & BY_SUMMARY.keys()
 
 
 def test_files_of_an_older_schema_are_read_with_those_of_today(store: Store, cell: CellMaker) -> None:

@@ -144,7 +144,7 @@ def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code()
         ("stopped by ann", "stopped by ann", 1), ("operator_stop", "whatever", 1),
     ]  # fmt: skip
     faults = [{"code": code, "text": text, "count": count} for code, text, count in said]
-    assert _by_cause(faults) == {"arm_lost": 3, "hand-eye": 2, "controller silent": 2}
+    assert _by_cause(faults) == {"arm_lost": 3, "hand-eye calibration off": 2, "controller silent": 2}
 
 
 def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
         assert SAID[fault] in (supervisor.fault or "")
         assert supervisor.fault_cause.code is CauseCode.COMPUTATION
         assert await supervisor.at_rest()
-        with pytest.raises(MoveRefusedError, match="fault_stands"):
+        with pytest.raises(MoveRefusedError, match="fault_active"):
             await cycle.go("home")
 
         supervisor.resume()

@@ -67,7 +67,7 @@ def test_a_persons_no_costs_an_auto_until_it_goes_on_and_a_single_pick_nothing(e
     made = run(on(0), *pick(0, **end), on(40), *pick(40), off(50), *pick(100, **end), (900, "run_end", {}))
     assert told(made) == [
         (Doing.PICKING, 10.0, ""),
-        (Doing.DOWN, 30.0, "operator's no"),
+        (Doing.DOWN, 30.0, "operator refused a move"),
         (Doing.PICKING, 10.0, ""),
         (Doing.PICKING, 10.0, ""),
     ]
@@ -78,7 +78,7 @@ def test_a_fault_of_a_single_pick_costs_until_it_is_cleared() -> None:
         (0, "cycle_start", {}), fault(4, "camera_lost"), (5, "cycle_end", {"outcome": "fault", "code": "camera_lost"}),
         resumed(64), (100, "run_end", {}),
     )  # fmt: skip
-    assert told(made) == [(Doing.PICKING, 4.0, ""), (Doing.DOWN, 60.0, "camera cable")]
+    assert told(made) == [(Doing.PICKING, 4.0, ""), (Doing.DOWN, 60.0, "camera not connected")]
 
 
 def test_an_abort_costs_until_the_next_pick_and_a_pause_until_it_is_over() -> None:
@@ -122,14 +122,14 @@ def test_oee_is_the_product_of_its_factors() -> None:
     assert times["performance"] == pytest.approx(1.0)
     assert times["quality"] == pytest.approx(0.9)
     assert times["oee"] == pytest.approx(0.6)
-    assert times["stops"] == [{"cause": "gripper", "count": 1, "s": 50.0}]
+    assert times["stops"] == [{"cause": "gripper does not open or close", "count": 1, "s": 50.0}]
 
 
 def test_the_costliest_stop_comes_first_and_several_runs_count_together() -> None:
     often = run(on(0), *[x for n in range(3) for x in (*pick(20 * n, 5, "aborted", code="operator_abort"),)], off(60))
     long = run((0, "cycle_start", {}), fault(1, "camera_lost"), resumed(500))
     stops = use_of_time([often, long])["stops"]
-    assert [(stop["cause"], stop["count"]) for stop in stops] == [("camera cable", 1), ("operator's abort", 3)]
+    assert [(stop["cause"], stop["count"]) for stop in stops] == [("camera not connected", 1), ("operator's abort", 3)]
 
 
 def test_a_few_picks_are_no_measure_of_performance() -> None:

@@ -76,7 +76,7 @@ def test_a_run_that_is_being_written_is_still_going_and_one_that_was_killed_is_n
     made.log._run.lines._handle = -1
     data = data_of(write_page(made.folder, made.folder / "page.html").read_text())
     assert not data["going"]
-    assert data["cycles"][1]["causes"][0]["name"] == "cut off"
+    assert data["cycles"][1]["causes"][0]["name"] == "interrupted by a crash or power cut"
 
 
 def test_all_models_in_use_are_named_with_their_versions(made: MadeRun) -> None:

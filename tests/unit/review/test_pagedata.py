@@ -210,7 +210,7 @@ def test_a_fault_is_told_by_its_cause_and_a_persons_stop_is_no_fault() -> None:
         line("fault", 1, code="operator_stop", text="stopped by ann", seq=1),
     ]
     assert [e["text"] for e in events(digest("x", found))] == [
-        "fault: camera cable: left camera is gone", "stopped by ann",
+        "fault: camera not connected: left camera is gone", "stopped by ann",
     ]  # fmt: skip
 
 
@@ -226,9 +226,9 @@ def test_a_fault_says_who_cleared_it_and_after_how_long_and_notes_are_events_too
     told = events(digest("x", found))
     assert [(e["what"], e["text"], e["cleared"]) for e in told] == [
         ("operator", "from now on ann: operator at /dev/ttyS0", None),
-        ("fault", "fault: camera cable: left camera is gone", {"by": "bob", "s": 30.0}),
+        ("fault", "fault: camera not connected: left camera is gone", {"by": "bob", "s": 30.0}),
         ("note", "cable plugged in (ann: operator at /dev/ttyS0)", None),
-        ("fault", "fault: gripper: no air", None),
+        ("fault", "fault: gripper does not open or close: no air", None),
     ]
 
 

@@ -30,7 +30,13 @@ BY_HAND = [
 ]
 """Interventions: of the first run, a pause, two stops and the fault that somebody had to clear; of the second, the
 restart in mid-pick, a stop, and the refused way home."""
-STOPS = {"operator's stop": 3, "gripper": 2, "camera cable": 1, "cut off": 1, "operator's no": 1}
+STOPS = {
+    "operator's stop": 3,
+    "gripper does not open or close": 2,
+    "camera not connected": 1,
+    "interrupted by a crash or power cut": 1,
+    "operator refused a move": 1,
+}
 """The causes: of each stop, miss, fault and of the kill, once."""
 
 
@@ -159,7 +165,7 @@ def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> 
     assert opened(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(7,)]
     (north,) = fleet_data(store, 7)["cells"]
     assert (north["picked"], north["tried"], north["interventions"]) == (21, 24, 7)
-    assert north["faults"] == {"camera cable": 1}, "a person's stop is no fault that needs somebody"
+    assert north["faults"] == {"camera not connected": 1}, "a person's stop is no fault that needs somebody"
 
 
 def test_a_run_that_is_being_written_is_shown_as_running(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,7 +29,7 @@ def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None
     found = production([read_digest(made.close())])
     assert (found["tried"], found["picked"], found["interventions"]) == (3, 2, 1)
     assert found["parts"] == {"cube": [1, 2], "pyramid": [1, 1]}
-    assert found["stops"] == {"gripper": 1}
+    assert found["stops"] == {"gripper does not open or close": 1}
     assert found["median_s"] == pytest.approx(found["p95_s"])
 
 

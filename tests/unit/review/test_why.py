@@ -294,7 +294,10 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "an operator types stop": ("operator's stop", fault("stopped by the operator", "stopped by the operator")),
     "control-C": ("operator's stop", fault("stopped by control-C of ann (process 7), socket")),
     "abort": ("operator's abort", ended("aborted", "aborted")),
-    "no in step mode": ("operator's no", ended("aborted", "the operator refused: stand-off 300 mm: straight to 1 2 3")),
+    "no in step mode": (
+        "operator refused a move",
+        ended("aborted", "the operator refused: stand-off 300 mm: straight to 1 2 3"),
+    ),
     "emergency stop": ("emergency stop", fault("ControllerError: *Emergency stop*")),
     "arm power lost": ("arm power", fault("ControllerError: *Arm power off*")),
     "envelope error": ("envelope error", fault("ControllerError: *Envelope error* Joint 2")),
@@ -322,8 +325,11 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
         fault("NotThereError: grasp: sent, but WHERE is 3.12 mm and 0.41 degrees off"),
     ),
     "arm stalls": ("arm not where it was sent", fault("Elsewhere: at rest 41 mm and 2 degrees from where it was sent")),
-    "torn camera cable": ("camera cable", fault("CameraError: left camera /dev/facetd-left is gone (No such device)")),
-    "camera lost between picks": ("camera cable", fault("cameras: no frame within 5.00 s")),
+    "torn camera cable": (
+        "camera not connected",
+        fault("CameraError: left camera /dev/facetd-left is gone (No such device)"),
+    ),
+    "camera lost between picks": ("camera not connected", fault("cameras: no frame within 5.00 s")),
     "lens covered": ("lens covered", fault(f"VisionError: {DARK}")),
     "light off": ("light off", fault(f"VisionError: {DARK}; {DARK.replace('left', 'right')}")),
     "USB bandwidth": (
@@ -342,13 +348,13 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "camera knocked in mid-approach": ("camera knocked", cameras_do_not_meet),
     "camera knocked before the first look": ("camera knocked", cameras_never_meet),
     "camera suspect": ("camera knocked", suspect("camera")),
-    "hand-eye knocked": ("hand-eye", suspect("hand-eye")),
-    "hand-eye knocked, several tries": ("hand-eye", disagreeing_again),
-    "arm's zero drifted": ("hand-eye", everything_moves),
-    "hand-eye knocked, one part alone": ("hand-eye", suspect("unclear")),
-    "hand-eye knocked, hand misses": ("hand-eye", missed("cube still lies there", chi2=80.0)),
+    "hand-eye knocked": ("hand-eye calibration off", suspect("hand-eye")),
+    "hand-eye knocked, several tries": ("hand-eye calibration off", disagreeing_again),
+    "arm's zero drifted": ("hand-eye calibration off", everything_moves),
+    "hand-eye knocked, one part alone": ("hand-eye calibration off", suspect("unclear")),
+    "hand-eye knocked, hand misses": ("hand-eye calibration off", missed("cube still lies there", chi2=80.0)),
     "part fell on the way to the bin": ("part slipped", released("empty", "unclear")),
-    "part sticks to a finger": ("gripper", released("part", "part")),
+    "part sticks to a finger": ("gripper does not open or close", released("part", "part")),
     "part out of the cameras' view above the bin": ("release not confirmed", released("unclear", "unclear")),
     "one part alone pushed": ("part moved", suspect("unclear", good=True)),
     "part pushed": ("part moved", suspect("part")),
@@ -371,8 +377,8 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "part squirts away": ("part slipped", missed("cube still lies there", 11.0)),
     "slanted faces": ("part slipped", slanted),
     "only this part slips": ("part slipped", one_part_slips),
-    "a part denied that was held": ("look after the lift", look_errs()),
-    "gripper does not open": ("gripper", missed("cube: still lies there after 2 tries")),
+    "a part denied that was held": ("the look after the lift was wrong", look_errs()),
+    "gripper does not open": ("gripper does not open or close", missed("cube: still lies there after 2 tries")),
     "hand went too early": ("estimate too uncertain", missed("cube still lies there", mm=2.1)),
     "estimate never good": ("estimate too uncertain", ended("unsure", "cube: 2.30 mm predicted after 8 looks")),
     "neighbours too near": (
@@ -386,7 +392,7 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "too large to grasp": ("no grasp fits it", ended("unreachable", "cube: no grasp holds it as it lies")),
     "table height wrong": ("below the table", refused("below_table", "the tool would be 0.4 mm above the table")),
     "slow computer": ("a look too old", refused("stale_look", "the look behind it is 31.0 s old, 20 is the most")),
-    "power cut": ("cut off", cut_off),
+    "power cut": ("interrupted by a crash or power cut", cut_off),
 }  # fmt: skip
 
 
@@ -563,7 +569,7 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
     cycle: Any = SimpleNamespace(of=lambda kind: records)
     blamed = [(cause.code.summary, cause.evidence.split(" seemed")[0], cause.at) for cause in _all_moves(cycle, ())]
     last = max((k for k, (_, code) in enumerate(decisions) if code == ELSEWHERE), default=0)
-    assert blamed == ([] if named is None else [("hand-eye", named, 10 + last)])
+    assert blamed == ([] if named is None else [("hand-eye calibration off", named, 10 + last)])
 
 
 def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> None:
@@ -606,10 +612,10 @@ def test_a_look_is_not_said_to_have_erred_where(
     look_errs(again, purpose)(made)
     (cycle,) = read_digest(made.close(1)).cycles
     assert picks_not_counted(cycle) == [], why_not
-    assert "look after the lift" not in [cause.code.summary for cause in causes(cycle)]
+    assert "the look after the lift was wrong" not in [cause.code.summary for cause in causes(cycle)]
 
 
-@pytest.mark.parametrize(("slant", "name"), [(10, "gripper"), (11, "part slipped")])
+@pytest.mark.parametrize(("slant", "name"), [(10, "gripper does not open or close"), (11, "part slipped")])
 def test_fingers_that_meet_a_part_no_more_than_ten_degrees_off_square_hold_it(
     slant: int, name: str, made: MadeRun
 ) -> None:
