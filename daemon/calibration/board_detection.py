@@ -63,14 +63,11 @@ def find_board(image: Grey, board: Board) -> SeenBoard:
 
 
 def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
-    size = (board.columns, board.rows)
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, raw = cv2.findChessboardCorners(image, size, flags=flags)
-    if not found:
+    corners = _chessboard_corners(image, board.columns, board.rows)
+    if corners is None:
         other = _named_by_markers(image, board) or _named_by_squares(image, board)
         missing = f"no {board.columns}x{board.rows} board in view: all its inner corners must show, and a white rim"
         raise BoardError(other or missing)
-    corners = np.asarray(raw, float).reshape(-1, 2)
     grid = corners.reshape(board.rows, board.columns, 2)
     if _upside_down(image, grid, board):
         corners = corners[::-1].copy()
@@ -79,6 +76,13 @@ def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
     white = _brightness(image, first) > _brightness(image, next_)
     fitted = _fitted(image, corners, np.arange(len(corners)), board, white)
     return _seen(image, np.arange(len(corners)), fitted, board)
+
+
+def _chessboard_corners(image: Grey, columns: int, rows: int) -> Array | None:
+    """(rows * columns, 2) px, roughly; None where such a chessboard does not show as a whole."""
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(image, (columns, rows), flags=flags)
+    return np.asarray(corners, float).reshape(-1, 2) if found else None
 
 
 def _find_charuco(image: Grey, board: Board) -> SeenBoard:
@@ -347,13 +351,13 @@ def _named_as_chessboard(image: Grey, board: Board) -> str | None:
 
 def _squares_in_view(image: Grey) -> tuple[int, int] | None:
     """Inner corners of the chessboard in view, along its rows and its columns. None where none shows: 3 x 3 of a larger
-    board, or of any pattern, are seen easily."""
+    board, or of any pattern, and in noise up to 3 x 5, are seen easily."""
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
     if not found or meta is None or min(meta.shape[:2]) < 3 or meta.shape[:2] == (3, 3):
         return None
     rows, columns = meta.shape[:2]
-    return columns, rows
+    return None if _chessboard_corners(image, columns, rows) is None else (columns, rows)
 
 
 def _upside_down(image: Grey, grid: Array, board: Board) -> bool:
