@@ -87,7 +87,7 @@ def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path:
 def test_a_part_that_no_one_grasp_brings_to_its_place_is_laid_on_the_table_and_taken_anew() -> None:
     """Of some scenes, the first whose part is measured in the gripper and laid down: in others its edges do not show
     there, and it goes to the bin."""
-    tried = (asyncio.run(turned_over("bracket", 0, 0, seed)) for seed in (2000, 2001, 2009, 2010, 2011))
+    tried = (asyncio.run(turned_over("bracket", 0, 0, seed)) for seed in (2001, 2009, 2010, 2011, 2012))
     made = next(one for one in tried if one.laid)
     assert (made.grasps, made.laid) == (2, 1)
     assert (made.end.outcome, made.state.status, made.where) == ("picked", PlaceStatus.RIGHT, "table"), made.told
