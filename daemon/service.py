@@ -173,7 +173,7 @@ class Service:
                 if context.cycle.supervisor.permit.granted:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
-            context.cycle.supervisor.between_jobs("settings are changed")
+            context.cycle.supervisor.refuse_during_job("settings are changed")
             if (old.gripper, _tool(old)) != (config.gripper, _tool(config)):
                 context.hardware.robot.use_tool(np.array(_tool(config)))
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log, context.worker))

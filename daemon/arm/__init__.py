@@ -41,7 +41,7 @@ from daemon.arm.motion import (
     Reach,
 )
 from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, operator_command
+from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, operator_command
 from daemon.arm.paths import speed_pct
 from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.robot import ArmModel, ControllerMonitor, HeldBackError, Kinematics, Robot, StopRefusedError

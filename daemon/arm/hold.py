@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import inf
 
 from daemon.arm.motion import UnansweredError
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
 from daemon.arm.permit import MotionPermit
 
 
@@ -45,7 +45,7 @@ class Hold:
     """Pause and step mode. permit: its motion is held as soon as a pause or step mode begins; interrupted: called when
     a pause holds a job, and when the job continues."""
 
-    def __init__(self, permit: MotionPermit, interrupted: Callable[[Interruption], None]) -> None:
+    def __init__(self, permit: MotionPermit, interrupted: Callable[[JobEvent], None]) -> None:
         self._permit, self._interrupted = permit, interrupted
         self.pauses = 0
         """Number of pauses so far: a resume that was decided before the last of them has no effect."""
@@ -115,9 +115,9 @@ class Hold:
         confirmed = False
         while self.paused or ((self.stepping or ask) and not confirmed):
             if self.paused:
-                self._interrupted(Interruption.PAUSE)
+                self._interrupted(JobEvent.PAUSE)
                 await self._running.wait()
-                self._interrupted(Interruption.RESUME)
+                self._interrupted(JobEvent.RESUME)
             else:
                 await self._confirmed(text, until_s)
                 confirmed = True

@@ -22,7 +22,7 @@ def operator_command(word: str, stops: int) -> Iterator[None]:
         OPERATOR_COMMAND.reset(before)
 
 
-class Interruption(StrEnum):
+class JobEvent(StrEnum):
     """An event that interrupts or ends a job from outside, or lets it continue."""
 
     PAUSE = "pause"

@@ -13,7 +13,7 @@ from daemon.arm.belief import VoidingEvent
 from daemon.arm.guard import Limits
 from daemon.arm.hold import Hold
 from daemon.arm.motion import Arrival, Mover, NotSentError
-from daemon.arm.operators import OPERATOR_COMMAND, Interruption, RefusedError
+from daemon.arm.operators import OPERATOR_COMMAND, JobEvent, RefusedError
 from daemon.arm.permit import Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
@@ -38,7 +38,7 @@ class Supervisor:
     """
 
     def __init__(
-        self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
+        self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[JobEvent], None]
     ) -> None:
         self.permit = cell.robot.permit
         """Whether arm and gripper may move; only this class grants and withdraws it."""
@@ -52,7 +52,7 @@ class Supervisor:
         self._doing = ""
         self.job_moves = False
         """Whether the running job may move the arm."""
-        self.ended_by: Interruption | None = None
+        self.ended_by: JobEvent | None = None
         """What ended the last job that was ended: a person (STOP, ABORT) or an error."""
         self._ending = 0
         self._stopping = Stopping(lambda: self.mover.cell.robot, self._alarmed)
@@ -150,8 +150,8 @@ class Supervisor:
         Raises RefusedError."""
         if self._closed:
             raise RefusedError("facetd is shutting down")
-        self.not_while_stopping("enable")
-        self.not_after(stops, "enable")
+        self.refuse_while_stopping("enable")
+        self.refuse_if_stopped_since(stops, "enable")
         if not self.permit.stop_seen:
             raise RefusedError("the stop was not tested since the line was opened: type `enable` again")
         self.permit.grant(grant)
@@ -161,7 +161,7 @@ class Supervisor:
         may_move = self.permit.granted or self.busy or self.stopping
         self.permit.withdraw()
         self.stops += 1
-        return await self._halt(Interruption.ABORT, "disabled", fault=None) if may_move else None
+        return await self._halt(JobEvent.ABORT, "disabled", fault=None) if may_move else None
 
     def line_opened_anew(self) -> None:
         """Withdraw the permit after a reconnection: another controller may be at the line now. An operator must enable
@@ -174,22 +174,22 @@ class Supervisor:
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Continue after a pause; clear a fault (the interrupted job does not continue). stops, pauses: their numbers
         when this was decided; a later stop or pause stays in force. Raises RefusedError."""
-        self.not_after(stops, "resume")
+        self.refuse_if_stopped_since(stops, "resume")
         if self.fault is not None:
-            self.not_while_stopping("resume", busy=self._task is not None)
+            self.refuse_while_stopping("resume", busy=self._task is not None)
             self.permit.fault = None
             self.mover.beliefs.void(VoidingEvent.FAULT_CLEARED)
-            self._notify(lambda: self._interrupted(Interruption.RESUME))
+            self._notify(lambda: self._interrupted(JobEvent.RESUME))
         self.hold.let_go(pauses)
 
     def dry(self, on: bool) -> None:
         """Switch dry run on or off: everything is done but the sending."""
-        self.between_jobs("dry is switched")
+        self.refuse_during_job("dry is switched")
         self.mover.dry = on
 
     def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
         """Use another calibration or other limits with the same robot. Raises RefusedError while another job runs."""
-        self.between_jobs("settings are changed")
+        self.refuse_during_job("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
     def may_move(self) -> None:
@@ -280,15 +280,15 @@ class Supervisor:
     async def stop(self, why: str = "by the operator") -> str | None:
         """Stop the arm, then report; the fault is active until resume. Returns None when the arm is at rest, else the
         alarm's text; then stop commands are still sent."""
-        return await self._halt(Interruption.STOP, f"stopped {why}", f"stopped {why}", BY_OPERATOR)
+        return await self._halt(JobEvent.STOP, f"stopped {why}", f"stopped {why}", BY_OPERATOR)
 
     async def fail(self, source: str, text: str, cause: FaultCause) -> None:
         """Stop the arm because of a fault that another module (source) found."""
-        await self._halt(Interruption.ERROR, text, f"{source}: {text}", cause)
+        await self._halt(JobEvent.ERROR, text, f"{source}: {text}", cause)
 
     async def abort(self) -> str | None:
         """Stop the arm and end its job, without a fault. Returns what `stop` returns."""
-        return await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
+        return await self._halt(JobEvent.ABORT, "aborted by the operator", fault=None)
 
     async def close(self) -> None:
         """Stop the arm if it may be moving, and end the job; nothing moves afterwards."""
@@ -296,7 +296,7 @@ class Supervisor:
         self.permit.withdraw()
         self._closed = True
         if may_move:
-            await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
+            await self._halt(JobEvent.ABORT, "the daemon ends", fault=None)
 
     async def rested(self) -> None:
         """Wait until a stop that is under way has ended, without a time limit."""
@@ -307,7 +307,7 @@ class Supervisor:
         self.permit.fault = fault
 
     async def stop_arm(
-        self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
+        self, event: JobEvent, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
     ) -> str | None:
         """Stop the arm, then report. fault: the fault to make active, if any. Returns what `stop` returns."""
         if fault is not None and not self._stopping.alarm:
@@ -328,7 +328,7 @@ class Supervisor:
         )
 
     async def _halt(
-        self, event: Interruption, why: str, fault: str | None = None, cause: FaultCause = BY_OPERATOR
+        self, event: JobEvent, why: str, fault: str | None = None, cause: FaultCause = BY_OPERATOR
     ) -> str | None:
         """Stop the arm and end the job: no other task can run between the job's cancellation and the setting of the
         fault."""
@@ -346,7 +346,7 @@ class Supervisor:
             self.permit.stop_ends()
         return alarm
 
-    async def _report_outcome(self, event: Interruption, fault: str | None, cause: FaultCause) -> str | None:
+    async def _report_outcome(self, event: JobEvent, fault: str | None, cause: FaultCause) -> str | None:
         """Wait until the arm is at rest, and report that; return the alarm's text if there is an alarm."""
         alarm = await self._stopping.outcome()
         if alarm is None:
@@ -361,9 +361,9 @@ class Supervisor:
         else:
             self._alarmed_in = self._openings
             self.latch(text)
-            self._report(Interruption.ERROR, text, self.fault_cause)
+            self._report(JobEvent.ERROR, text, self.fault_cause)
 
-    def _report(self, event: Interruption, fault: str | None, cause: FaultCause) -> None:
+    def _report(self, event: JobEvent, fault: str | None, cause: FaultCause) -> None:
         if fault is not None:
             self._report_fault(fault, cause)
         self._notify(lambda: self._interrupted(event))
@@ -393,7 +393,7 @@ class Supervisor:
                 self._latch_others(error)
             elif self.fault is None and (moves or (cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted)):
                 text = f"{type(error).__name__}: {error}"
-                await self.stop_arm(Interruption.ERROR, text, text, cause)
+                await self.stop_arm(JobEvent.ERROR, text, text, cause)
             raise
 
     def _latch_others(self, error: Exception) -> None:
@@ -408,13 +408,13 @@ class Supervisor:
         if not task.cancelled():
             task.exception()  # mark it as retrieved: nobody has to await the job
 
-    def not_while_stopping(self, word: str, busy: bool = False) -> None:
+    def refuse_while_stopping(self, word: str, busy: bool = False) -> None:
         """Refuse a command (word) while a stop is under way. Raises RefusedError."""
         if self.stopping or busy:
             doubt = f" ({self.fault})" if self._stopping.alarm else ""
             raise RefusedError(f"facetd is still stopping the arm{doubt}; type `{word}` again when it is at rest")
 
-    def not_after(self, stops: int | None, word: str) -> None:
+    def refuse_if_stopped_since(self, stops: int | None, word: str) -> None:
         """Refuse a command (word), or the answer to a question, that was given before the last stop or disable. stops:
         the number of stops then. Raises RefusedError."""
         if stops is not None and stops != self.stops:
@@ -426,9 +426,9 @@ class Supervisor:
             raise RefusedError(f"busy: {self._doing or self.permit.hindrance}")
         word, stops = OPERATOR_COMMAND.get() or ("", None)
         if moves:
-            self.not_after(stops, word)
+            self.refuse_if_stopped_since(stops, word)
 
-    def between_jobs(self, what: str) -> None:
+    def refuse_during_job(self, what: str) -> None:
         """Refuse to change something that must stay the same during a job, unless the job itself changes it. Raises
         RefusedError."""
         if self._task is not None and self._task is not asyncio.current_task():

@@ -82,7 +82,7 @@ class CalibrationSession:
     gripper holds the board, before fixed cameras."""
 
     supervisor: Supervisor
-    set_out: Callable[[], Awaitable[Reading]]
+    prepare_to_move: Callable[[], Awaitable[Reading]]
     settling: Settling
     board: Board
     calibration: Calibration
@@ -113,7 +113,7 @@ async def _tour(
         )
     if session.calibration.hand_eye is None:
         raise SessionError("no hand_eye in calibration.yaml: enter a rough one, measured by ruler")
-    reading = await session.set_out()
+    reading = await session.prepare_to_move()
     try:
         first = await _see(session, reading, "pose 0")
     except BoardError as error:

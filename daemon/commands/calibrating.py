@@ -127,9 +127,9 @@ def _session(context: CommandContext, board: Board, held: bool = False) -> Calib
     """Start a calibration. held: the gripper holds the board; the tour guards the board once it was seen, and nothing
     moves before."""
     cycle = context.cycle
-    set_out = cycle.supervisor.mover.rest if held else cycle.set_out
+    prepare_to_move = cycle.supervisor.mover.rest if held else cycle.prepare_to_move
     settling = cycle.settings.settling
-    return CalibrationSession(cycle.supervisor, set_out, settling, board, context.calibration, held)
+    return CalibrationSession(cycle.supervisor, prepare_to_move, settling, board, context.calibration, held)
 
 
 def _board(words: list[str]) -> Board:

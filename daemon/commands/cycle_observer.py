@@ -10,7 +10,7 @@ from collections.abc import Callable, Coroutine
 from datetime import datetime
 from typing import Any
 
-from daemon.arm import Interruption
+from daemon.arm import JobEvent
 from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
 from daemon.commands.moving import report_end
@@ -50,7 +50,7 @@ class CycleObserver:
         context.roll_if_due()
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # a person's stop: the one for the fault is done by now
-        if end.ended_by is Interruption.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
+        if end.ended_by is JobEvent.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
             self._start(self.continue_with_one_camera(), "one eye")
 
     def continue_with_one_camera(self) -> Coroutine[Any, Any, None]:

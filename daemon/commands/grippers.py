@@ -70,8 +70,8 @@ async def _check_may_change(context: CommandContext) -> None:
     """Check that the gripper may be changed: the arm rests, no job runs, the gripper is empty. Raises CommandError,
     RefusedError."""
     supervisor = context.cycle.supervisor
-    supervisor.not_while_stopping("gripper use")
-    supervisor.between_jobs("the gripper is changed")
+    supervisor.refuse_while_stopping("gripper use")
+    supervisor.refuse_during_job("the gripper is changed")
     if context.cycle.belief.holds_part:
         raise CommandError("a part is in the gripper: let it go first (`hand open` here, `pick` over the bin)")
     if not await supervisor.run("check that the arm is at rest", context.hardware.robot.at_rest(), moves=False):

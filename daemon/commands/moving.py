@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from daemon.arm import Grant, Interruption, RefusedError, StopRefusedError
+from daemon.arm import Grant, JobEvent, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, refuse_hasty_confirm, refuse_hasty_resume, with_questions
 from daemon.config import gripper_unknown
@@ -119,14 +119,14 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
             if before["paused"]
             else "Nothing to resume: no fault is active, and motion is not paused."
         )
-    supervisor.not_while_stopping("resume")
+    supervisor.refuse_while_stopping("resume")
     lines = [f"Fault cleared: {before['fault']}."]
     camera_text = await camera_selection.offer_one_camera(context, str(before["fault"]), frontend)
     lines += [] if camera_text is None else [camera_text]
     if before["holding"] is None and frontend.asks:
         held = await yes_or_no(frontend, "Is a part in the gripper? [y/n]")
         if held is not None:
-            supervisor.not_after(stops, "resume")
+            supervisor.refuse_if_stopped_since(stops, "resume")
             if supervisor.fault is None or context.cycle.status()["holding"] is not None:
                 raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
             lines.append(_set_holding(context, held))
@@ -195,7 +195,7 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
     """
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
-    notified = end.ended_by is Interruption.ERROR and context.notices.level(frontend) is not None
+    notified = end.ended_by is JobEvent.ERROR and context.notices.level(frontend) is not None
     done = DONE if end.outcome in ("picked", "dry", "emptied") and end.ended_by is None else NOT_DONE
     return CommandResult(describe_end(end, why=not notified), end_json(end), done)
 
@@ -274,7 +274,7 @@ async def holding(context: CommandContext, words: list[str], _: Frontend) -> Com
     next pick first puts the part into the bin.
     """
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
-    context.cycle.supervisor.between_jobs("`holding` is accepted")
+    context.cycle.supervisor.refuse_during_job("`holding` is accepted")
     return CommandResult(_set_holding(context, word == "yes"))
 
 

@@ -104,7 +104,7 @@ class CommandContext:
                 raise
             self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log, self.worker))
 
-        self.cycle.supervisor.between_jobs("cameras are changed")
+        self.cycle.supervisor.refuse_during_job("cameras are changed")
         await self.cycle.supervisor.run("change cameras", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
         self.troubles.report("eyes", None if alone is None else f"using the {alone} camera alone: {why}")

@@ -12,7 +12,7 @@ from daemon.arm import CameraMounting, RefusedError
 from daemon.arrays import Array
 from daemon.pick.looks import Look
 from daemon.pick.settings import SurveyView
-from daemon.pick.world import MOVE_ERRORS, PickContext, raise_if_closed
+from daemon.pick.world import MOVE_ERRORS, PickContext, reraise_if_all_refused
 from daemon.vision.values import Group
 
 LEAST_PLACES, MOST_PLACES, USUAL_PLACES = 6, 12, 10
@@ -105,7 +105,7 @@ async def walk_round(context: PickContext, count: int, report: Report) -> tuple[
         try:
             await context.mover.travel(pose, f"round it, {name}", lambda _: context.settings.travel_pct)
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             await report(f"{name}: left out: {error}")
             continue
         if context.mover.dry or context.mover.belief.at is None:

@@ -21,8 +21,8 @@ from daemon.arm import (
     Beliefs,
     BeliefSource,
     CellBelief,
-    Interruption,
     InWorld,
+    JobEvent,
     OperatorRefusedError,
     Reading,
     RefusedError,
@@ -190,7 +190,7 @@ class PickCycle:
     async def pick(self, label: str | None = None) -> CycleEnd:
         """Pick one part; RefusedError when it may not start."""
         self._may_pick()
-        return await self.supervisor.run("pick", self._only(label))
+        return await self.supervisor.run("pick", self._run_single(label))
 
     async def auto(self, pick_order: PickOrder = ALL) -> list[CycleEnd]:
         """Pick until the order is done, nothing that it wants is there, or auto_off()."""
@@ -203,17 +203,17 @@ class PickCycle:
             raise RefusedError(
                 "the line has no signal to wait for: give an input of facetd.yaml the role cycle_start or part_present"
             )
-        task = self.supervisor.begin("auto", self._many())
+        task = self.supervisor.begin("auto", self._run_auto())
         task.add_done_callback(self._auto_over)
         self._auto, self._left_alone = True, ()
         self._end_wait.clear()
-        self._order(pick_order)
+        self._set_order(pick_order)
         return self.supervisor.end_of("auto", task)
 
     def auto_off(self) -> None:
         """End auto after the part in hand; where it was cut off, give up what is left."""
         if not self._auto:
-            self._order(None)
+            self._set_order(None)
         self._auto = False
         self._end_wait.set()
 
@@ -288,7 +288,7 @@ class PickCycle:
         where that is, (4, 4) mm."""
 
         async def small_move() -> Array:
-            target = there((await self.set_out()).world_from_tool)
+            target = there((await self.prepare_to_move()).world_from_tool)
             await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.near_pct, straight=True)
             return target
 
@@ -364,7 +364,7 @@ class PickCycle:
                 "a part is in the gripper: `hand open` drops it where the arm is, `pick` brings it to the bin"
             )
 
-    def _interrupted(self, what: Interruption) -> None:
+    def _interrupted(self, what: JobEvent) -> None:
         """What comes over the job from outside, as an event of the table."""
         self._enter(PickEvent(what))
 
@@ -460,10 +460,10 @@ class PickCycle:
         await self.supervisor.mover.hand(closed, self.settings.hand_time_s(closed))
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        await self.set_out()
+        await self.prepare_to_move()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
-    async def set_out(self) -> Reading:
+    async def prepare_to_move(self) -> Reading:
         """Where the arm is at rest, from where a job may go: each that moves begins so."""
         self.guard_the_hand()
         return await self.supervisor.mover.rest()
@@ -471,7 +471,7 @@ class PickCycle:
     async def _set_out_to_look(self) -> Reading:
         """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one camera,
         among the parts."""
-        here = await self.set_out()
+        here = await self.prepare_to_move()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
                 "with one camera a look moves the gripper aside, and it is low over the table: raise it first, "
@@ -514,7 +514,7 @@ class PickCycle:
         if loads:
             self.beliefs.learn(BeliefSource.ASSUMED, load=(max(loads, key=lambda load: load.radius_mm),))
 
-    def _order(self, pick_order: PickOrder | None) -> None:
+    def _set_order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
         if pick_order == self.pick_order is None:
             return
@@ -531,13 +531,13 @@ class PickCycle:
         """Also of one that was stopped before it began."""
         self._auto = False
 
-    async def _many(self) -> list[CycleEnd]:
+    async def _run_auto(self) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
-                if self.pick_order.on_signal and not await self._line_wants():
+                if self.pick_order.on_signal and not await self._wait_for_request():
                     break
-                ends.append(await self._one(self.pick_order))
+                ends.append(await self._run_cycle(self.pick_order))
                 every_s = self.pick_order.every_s
                 stopped = ends[-1].ended_by is not None
                 if ends[-1].brought and not stopped and not await self._report_to_line():
@@ -549,7 +549,7 @@ class PickCycle:
                 if ends[-1].outcome in (*BROUGHT, Outcome.EMPTIED):
                     self._left_alone = tuple(s for s in self._left_alone if s.outcome is Outcome.MISSED)
                 elif self._auto and self.pick_order.skip:
-                    self._order(self.pick_order.without_wanted())
+                    self._set_order(self.pick_order.without_wanted())
                 elif self._auto and every_s is None and self.pick_order.job is not None:
                     return list(ends)  # its part is missing: once it is there, the job can be resumed
                 else:
@@ -560,32 +560,32 @@ class PickCycle:
                         async with asyncio.timeout(every_s):
                             await self._end_wait.wait()
                     self._left_alone = ()
-            self._order(None)
+            self._set_order(None)
         except asyncio.CancelledError:
             pass  # stopped while it waited for parts: the arm stands, and the caller gets what was picked
         return list(ends)
 
     async def _report_to_line(self) -> bool:
         """Have the line know that a part was brought; false where its signals cannot be read."""
-        return await self._of_the_line(self.line.brought()) is not False
+        return await self._read_signals_or_stop(self.line.brought()) is not False
 
-    async def _line_wants(self) -> bool:
+    async def _wait_for_request(self) -> bool:
         """Whether the line asks for a part, once it does; false where auto is to end."""
-        return bool(await self._of_the_line(self.line.wanted(lambda: self._auto)))
+        return bool(await self._read_signals_or_stop(self.line.wanted(lambda: self._auto)))
 
-    async def _of_the_line(self, asked: Awaitable[bool | None]) -> bool | None:
+    async def _read_signals_or_stop(self, asked: Awaitable[bool | None]) -> bool | None:
         """Read the signals of the production line; if that fails, stop the arm with a fault and return False."""
         try:
             return await asked
         except Exception as error:
-            await self._stop_arm(Interruption.ERROR, f"signals: {error}", f"signals: {error}", cause_of(error))
+            await self._stop_arm(JobEvent.ERROR, f"signals: {error}", f"signals: {error}", cause_of(error))
             return False
 
-    async def _only(self, label: str | None) -> CycleEnd:
+    async def _run_single(self, label: str | None) -> CycleEnd:
         self._left_alone = ()
-        return await self._one(PickOrder(1, steps=() if label is None else (OrderStep(label),)))
+        return await self._run_cycle(PickOrder(1, steps=() if label is None else (OrderStep(label),)))
 
-    async def _one(self, order: PickOrder) -> CycleEnd:
+    async def _run_cycle(self, order: PickOrder) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
         assert self.recogniser is not None
         supervisor, mover = self.supervisor, self.supervisor.mover
@@ -596,46 +596,44 @@ class PickCycle:
         context = replace(self._context(self.recogniser), cycle=self._cycles, order=order)
         world = self._world = WorldModel(list(self._left_alone), began_s=started_s)
         try:
-            await self._through(context, world)
+            await self._run_states(context, world)
         except asyncio.CancelledError:
-            by = supervisor.ended_by if supervisor.fault and supervisor.ended_by else Interruption.ABORT
+            by = supervisor.ended_by if supervisor.fault and supervisor.ended_by else JobEvent.ABORT
             code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
             self._cut_short(world, by, supervisor.fault or "a person gave `abort`", code)
         except OperatorRefusedError as error:
-            self._cut_short(world, Interruption.ABORT, str(error), CauseCode.OPERATOR_NO)
-            await self._stop_arm(Interruption.ABORT, str(error), None)
+            self._cut_short(world, JobEvent.ABORT, str(error), CauseCode.OPERATOR_NO)
+            await self._stop_arm(JobEvent.ABORT, str(error), None)
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", cause_of(error)
             world.let_go &= cause.code is not CauseCode.SENSOR_DISAGREES
-            self._cut_short(world, Interruption.ERROR, why, cause.code)
-            await self._stop_arm(Interruption.ERROR, why, why, cause)
+            self._cut_short(world, JobEvent.ERROR, why, cause.code)
+            await self._stop_arm(JobEvent.ERROR, why, why, cause)
         end = self._ended(world, started_s)
         self._left_alone, self._world = tuple(world.skipped), None
         tell(self.observer, end)
         return end
 
-    def _cut_short(self, world: WorldModel, by: Interruption, why: str, code: CauseCode) -> None:
+    def _cut_short(self, world: WorldModel, by: JobEvent, why: str, code: CauseCode) -> None:
         """Record a stop as the outcome of the pick. A pick that has already released its part, or only goes home, keeps
         its outcome, and its record has the stop beside it."""
         world.ended_by = by
         if not (world.let_go or world.going_home):
-            outcome = Outcome.FAULT if by is Interruption.ERROR else Outcome.ABORTED
+            outcome = Outcome.FAULT if by is JobEvent.ERROR else Outcome.ABORTED
             world.result = PickResult(outcome, why, code)
             return
         world.stopped_by, world.result = code, replace(world.result, why=f"{world.result.why}; then {why}")
         if world.let_go and not world.brought:
             self._brought(world)
-            self._order(self.pick_order)
+            self._set_order(self.pick_order)
 
-    async def _stop_arm(
-        self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
-    ) -> None:
+    async def _stop_arm(self, event: JobEvent, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR) -> None:
         """Stop the arm; if somebody else stops it at the same time, still record how this pick ended."""
         with contextlib.suppress(asyncio.CancelledError):
             await self.supervisor.stop_arm(event, why, fault, cause)
 
-    async def _through(self, context: PickContext, world: WorldModel) -> None:
-        await self.set_out()
+    async def _run_states(self, context: PickContext, world: WorldModel) -> None:
+        await self.prepare_to_move()
         if self.belief.holds_part:
             world.result = PickResult(Outcome.EMPTIED, "put down what was in the gripper", None)
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)

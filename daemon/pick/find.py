@@ -45,7 +45,7 @@ from daemon.pick.world import (
     SuspectError,
     WorldModel,
     look,
-    raise_if_closed,
+    reraise_if_all_refused,
     skip,
     travel,
 )
@@ -338,7 +338,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         try:
             await travel(context, world, poses[gain.place], "another view", part.look)
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             continue
         break
     else:
@@ -377,7 +377,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
         try:
             await travel(context, world, poses[place], "another side", world.looks[-1])
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             continue
         was = in_all(world.found)
         await world.take_in(context, await look(context, world, "another side"))

@@ -21,7 +21,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import Fit, edge_support, edges_vanished, fit_each, fit_edges, refit, settled, shown
+from daemon.vision.refine import Fit, edge_support, edges_vanished, fit_each, fit_edges, refined_pose, refit, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -236,7 +236,7 @@ def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: Camera
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
     near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
-    fit = settled(shape, taken.stereo, near, reach_mm)
+    fit = refined_pose(shape, taken.stereo, near, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part

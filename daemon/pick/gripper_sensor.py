@@ -21,7 +21,7 @@ class SensorDisagreesError(FacetdError):
     code = CauseCode.SENSOR_DISAGREES
 
 
-async def sensed(context: PickContext, when: str) -> bool | None:
+async def read_sensor(context: PickContext, when: str) -> bool | None:
     """Whether a part is in the gripper, by its sensor now; None: it has none, or nothing was sent."""
     if context.mover.dry:
         return None
@@ -31,10 +31,10 @@ async def sensed(context: PickContext, when: str) -> bool | None:
     return held
 
 
-async def taken_hold(context: PickContext) -> None:
+async def wait_for_hold(context: PickContext) -> None:
     """Wait as long again, twice at most, where the sensor says that the gripper holds nothing yet."""
     for _ in range(MORE_DWELLS):
-        if await sensed(context, "closed") is not False:
+        if await read_sensor(context, "closed") is not False:
             return
         await asyncio.sleep(context.settings.hand_time_s(closed=True))
 
@@ -48,7 +48,7 @@ def contradiction(label: str, sensor: bool | None, shows: str, holds: bool) -> s
     return f"the gripper's sensor says that it {says}, and the look shows that {label} {shows}"
 
 
-def ask_where_they_differ(context: PickContext, text: str | None) -> None:
+def stop_if_contradicted(context: PickContext, text: str | None) -> None:
     """Raise SensorDisagreesError where there is a contradiction: what the gripper holds is unknown from now on, and the
     gripper stays as it is."""
     if text is not None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-from daemon.arm import Interruption
+from daemon.arm import JobEvent
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
@@ -56,7 +56,7 @@ class CycleEnd:
     corners: Array | None
     brought: bool
     place: str | None = None
-    ended_by: Interruption | None = None
+    ended_by: JobEvent | None = None
 
 
 class InGripper(StrEnum):

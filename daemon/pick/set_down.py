@@ -33,7 +33,7 @@ from daemon.pick.following import (
     predicted_error,
     sighted,
 )
-from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed
+from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted
 from daemon.pick.looks import Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult, not_looked_at
@@ -44,7 +44,7 @@ from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.regrasp import MOST_GRASPS
 from daemon.pick.seen import same_place, seen_parts
 from daemon.pick.transitions import PickEvent
-from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, skip, travel
+from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, reraise_if_all_refused, skip, travel
 from daemon.store.place_status import AT_PLACE_MM, PlaceStatus
 from daemon.vision.refine import Fit
 
@@ -112,7 +112,7 @@ async def set_down(
         mover.check_through([way.at, way.clear], way.contact)
         await mover.travel(way.at, f"down to {where}", _slowly, straight=True, contact=way.contact)
     except MOVE_ERRORS as error:
-        raise_if_closed(error)
+        reraise_if_all_refused(error)
         if not mover.dry:
             _note(context, world, goal, PlaceFinding(PlaceStatus.FREE, why=f"its place cannot be reached: {error}"))
         context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
@@ -127,8 +127,8 @@ async def set_down(
     await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
     if not goal.between:
         world.let_go, world.result = True, not_looked_at(target.label, f"at {where}")
-    sensor = await sensed(context, "let go")
-    ask_where_they_differ(context, contradiction(target.label, sensor, f"was let go at {where}", False))
+    sensor = await read_sensor(context, "let go")
+    stop_if_contradicted(context, contradiction(target.label, sensor, f"was let go at {where}", False))
     target.plan = replace(target.plan, way=way)
     await mover.travel(way.clear, f"back from {where}", _slowly, straight=True)
     return PickEvent.LAID_DOWN if goal.between else PickEvent.SET_DOWN
@@ -137,12 +137,12 @@ async def set_down(
 async def _lost(context: PickContext, target: Target) -> bool:
     """Whether the gripper holds the part no longer, before it is lowered: its sensor says so, and no look shows it
     there. Raises SensorDisagreesError where one does."""
-    if await sensed(context, "over its place") is not False:
+    if await read_sensor(context, "over its place") is not False:
         return False
     taken = await gripper_pair(context, target)
     doubt, mount = context.settings.doubt, mount_of(context.cell)
     shows = taken is not None and await context.cell.compute(in_hand, target, taken, mount, doubt)
-    ask_where_they_differ(context, contradiction(target.label, False, "is in it", shows))
+    stop_if_contradicted(context, contradiction(target.label, False, "is in it", shows))
     return True
 
 
@@ -206,7 +206,7 @@ async def look_at_unseen(context: PickContext, world: WorldModel) -> None:
         try:
             await look_at(context, world, goal)
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             text = f"place {goal.place.name} is to be looked at: left alone"
             context.decide(text, str(error), CauseCode.NO_WAY_TO_PLACE, label=goal.place.part)
 
@@ -301,7 +301,7 @@ async def _go_round(
         try:
             await travel(context, world, poses[number], f"look at {name}")
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             refused = error
             continue
         return
@@ -330,7 +330,7 @@ async def _judge(
         try:
             await _go_round(context, world, goal.centre, f"place {goal.place.name}", viewpoints)
         except MOVE_ERRORS as error:
-            raise_if_closed(error)
+            reraise_if_all_refused(error)
             break
     _note(context, world, goal, found)
     return found, seen

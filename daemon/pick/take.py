@@ -20,7 +20,7 @@ from daemon.pick.following import (
     mount_of,
     still_there,
 )
-from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
+from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted, wait_for_hold
 from daemon.pick.looks import Look, Taken
 from daemon.pick.outcome import InGripper, PickResult, not_looked_at, released
 from daemon.pick.place_goals import Goal
@@ -69,7 +69,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     load = carried_part(corners, f"{target.label} in the gripper")
     held = grasped_part(target, context.settings.doubt)
     context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load, held=held)
-    await taken_hold(context)
+    await wait_for_hold(context)
     return PickEvent.CLOSED
 
 
@@ -95,8 +95,8 @@ async def verify(
 
     mount = mount_of(context.cell)
     words, code = await context.cell.compute(_judged, target, seen, world.found, context.settings, mount)
-    sensor = await sensed(context, "lifted")
-    ask_where_they_differ(context, contradiction(target.label, sensor, words, code is None))
+    sensor = await read_sensor(context, "lifted")
+    stop_if_contradicted(context, contradiction(target.label, sensor, words, code is None))
     if code is None:
         why = f"{target.label} {words}"
         world.result = PickResult(Outcome.RELEASED, why, None)
@@ -175,7 +175,7 @@ async def over_bin(
     brings counts as picked only where the two together show that the part left the gripper there."""
     target = world.target
     await travel(context, world, context.settings.bin.pose(), "bin")
-    before, lost = await gripper_pair(context, target), await sensed(context, "over the bin") is False
+    before, lost = await gripper_pair(context, target), await read_sensor(context, "over the bin") is False
     await _open_gripper(context)
     if context.mover.dry:
         world.result = PickResult(Outcome.DRY, "dry run: the part in the gripper would be released now", None)
@@ -183,17 +183,17 @@ async def over_bin(
     world.let_go = True
     if target is not None:
         world.result = not_looked_at(target.label, "above the bin")
-    sensor = await sensed(context, "let go")
+    sensor = await read_sensor(context, "let go")
     if target is None:
-        ask_where_they_differ(context, contradiction("what it held", sensor, "was let go", False))
+        stop_if_contradicted(context, contradiction("what it held", sensor, "was let go", False))
         return PickEvent.BINNED
     after = await gripper_pair(context, target)
     mount = mount_of(context.cell)
     above, opened = await context.cell.compute(_shown_in_gripper, target, before, after, mount, context.settings)
     if opened is not InGripper.PART:
-        ask_where_they_differ(context, contradiction(target.label, sensor, "is in it no longer", False))
+        stop_if_contradicted(context, contradiction(target.label, sensor, "is in it no longer", False))
     if lost and above is InGripper.PART:
-        ask_where_they_differ(context, contradiction(target.label, False, "was in it above the bin", True))
+        stop_if_contradicted(context, contradiction(target.label, False, "was in it above the bin", True))
     above = InGripper.EMPTY if lost else above
     world.let_go = False
     world.result = result = released(target.label, above, opened)

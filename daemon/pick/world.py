@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from daemon import frames
 from daemon.arm import (
     UNCONFIRMED,
-    Interruption,
+    JobEvent,
     Mover,
     MoveRefusedError,
     OutOfReachError,
@@ -126,7 +126,7 @@ class PickContext:
                 pose = place @ camera_from_tool
                 await mover.travel(pose, "beside, for the pair", lambda _: settings.near_pct, straight=True)
             except MOVE_ERRORS as error:
-                raise_if_closed(error)
+                reraise_if_all_refused(error)
                 refused = str(error)
                 continue
             beside = mover.belief.at
@@ -224,7 +224,7 @@ class WorldModel:
     let_go: bool = False
     brought: bool = False
     going_home: bool = False
-    ended_by: Interruption | None = None
+    ended_by: JobEvent | None = None
     stopped_by: CauseCode | None = None
 
     def the_target(self) -> Target:
@@ -303,7 +303,7 @@ def skip(
     context.decide(f"skip {part.label}", f"{outcome}: {why}", code, label=part.label)
 
 
-def raise_if_closed(error: MoveError) -> None:
+def reraise_if_all_refused(error: MoveError) -> None:
     """Raise a refusal where no other move would be allowed either."""
     if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
         raise error
@@ -313,7 +313,7 @@ async def unreachable(context: PickContext, world: WorldModel, error: MoveError)
     """A move was refused: raise where all motion is closed. Where nobody confirmed it in time, look at the table again
     (until world.too_long ends it). Where the target was looked at on the way, its place is known better than when its
     approach was chosen: choose again, but not for ever; else leave it alone."""
-    raise_if_closed(error)
+    reraise_if_all_refused(error)
     target = world.the_target()
     if isinstance(error, MoveRefusedError) and error.refusal.rule == UNCONFIRMED:
         context.decide("look again", error.refusal.text, DecisionCode.LOOKED_AGAIN, label=target.label)

@@ -121,7 +121,7 @@ class Syncer:
         """Sync the queued files now."""
         self._urgent.set()
 
-    def settled(self, timeout_s: float) -> bool:
+    def wait_until_written(self, timeout_s: float) -> bool:
         """Wait until all queued files are on the disk; False on timeout."""
         return self._clean.wait(timeout_s)
 

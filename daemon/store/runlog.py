@@ -142,7 +142,7 @@ class RunLog:
         deadline = time.monotonic() + timeout_s
         done = all(event.wait(max(0.0, deadline - time.monotonic())) for event in through)
         self._syncer.hurry()
-        return done and self._syncer.settled(max(0.0, deadline - time.monotonic()))
+        return done and self._syncer.wait_until_written(max(0.0, deadline - time.monotonic()))
 
     def close(self, why: str = "stopped", **fields: Any) -> None:
         """Write run_end and close the files, within seconds even where the disk hangs; safe to call twice."""

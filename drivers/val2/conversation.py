@@ -113,7 +113,7 @@ class Conversation:
         or belongs to facetd's own line."""
         self.typed_whole = False
         """Whether the present command's line end was sent: from then on it may have been carried out."""
-        self.line_may_hold_rest = True
+        self.line_may_have_leftover = True
         """Whether the next line may still have the rest of an earlier one in front of it. True from the search for a
         prompt until the next line is answered: a controller that cannot cancel lines may have printed a prompt just
         then, which looks as if the line had been cancelled."""
@@ -189,7 +189,7 @@ class Conversation:
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
-                self.line_may_hold_rest = False
+                self.line_may_have_leftover = False
                 answer = _answer(command, gathered, self.clock() - began_s, self.dialect)
                 if command == "WHERE" and answer.where is not None:
                     self._owed.table_came()
@@ -246,7 +246,7 @@ class Conversation:
         characters that make any line an error, and ends the line. Raises NoAnswer; Busy where something came back, but
         neither prompt nor question; ProcessorHalted.
         """
-        self.line_may_hold_rest, self._stood = True, self._reader.pending
+        self.line_may_have_leftover, self._stood = True, self._reader.pending
         collected: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):

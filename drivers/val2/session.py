@@ -263,7 +263,7 @@ class LineSession:
         """Type a command once, and check that its answer contains nothing of somebody else's. Raises as
         Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
         came twice."""
-        answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
+        answer = await self.retry_after_leftover(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
         if answer.question is None and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]
             # A refusal may have lines of its own; what follows a prompt was typed, and the error may be its answer.
@@ -273,12 +273,12 @@ class LineSession:
                 raise Garbled(f"a line of the answer to {text!r} came twice (noise?)")
         return answer
 
-    async def past_a_rest(
+    async def retry_after_leftover(
         self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]
     ) -> ControllerAnswer:
         """Type a line. If it was the first after a prompt search and was refused as unknown, type it once more: it had
         been appended to a leftover of an earlier line, and was not executed."""
-        may_hold_rest = talk.line_may_hold_rest
+        may_hold_rest = talk.line_may_have_leftover
         answer = await type_it()
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
             answer = await type_it()
@@ -363,7 +363,7 @@ class LineSession:
     def _refuse_others(self, heard: Sequence[str]) -> None:
         """Raise Disturbed where received text is somebody else's, NoAnswer where it is a late answer to a line of
         facetd's. After a search for the prompt, late answers are expected and ignored."""
-        unheard, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_hold_rest
+        unheard, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_have_leftover
         if found:
             unheard = [text for text in unheard if not answers_search(text, self.dialect.cancel_line)]
         if not unheard:

@@ -94,7 +94,7 @@ async def calibrated(seed: int) -> Calibrated:
         await cycle.go("survey")
         assert hardware.operator is not None
         hardware.operator.show_board(9, 6, 16.0, False)
-        session = CalibrationSession(cycle.supervisor, cycle.set_out, config.values.pick.settling, BOARD, start)
+        session = CalibrationSession(cycle.supervisor, cycle.prepare_to_move, config.values.pick.settling, BOARD, start)
         views = await view_tour(session, 28, silence, 100.0)
         found, stereo = await asyncio.to_thread(solve_stereo, views, BOARD, start)
         found, hand_eye = await asyncio.to_thread(solve_hand_eye, views, BOARD, found)

@@ -39,7 +39,7 @@ BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "outlines": (stereo_images.outlines_near, EYE.rough),
     "corners": (stereo_images.fits,),
     "matching": (candidates.in_both, candidates.match_polygons, candidates.candidates, candidates.choose),
-    "welding": (merge_vertices, corner_adjustment.settled),
+    "welding": (merge_vertices, corner_adjustment.adjust_corners),
     "facets, rest": (
         reconstruct.facets_seen,
         reconstruct.with_lone_outlines,

@@ -27,7 +27,9 @@ async def silence(_: str) -> None:
 
 
 def session(here, believed):
-    return CalibrationSession(here.cycle.supervisor, here.cycle.set_out, here.cycle.settings.settling, BOARD, believed)
+    return CalibrationSession(
+        here.cycle.supervisor, here.cycle.prepare_to_move, here.cycle.settings.settling, BOARD, believed
+    )
 
 
 def test_a_board_passes_the_true_calibration_and_fails_it_once_a_camera_was_knocked():

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm import Beliefs, Interruption, Limits, MovedByOthersError, MoveRefusedError, Supervisor
+from daemon.arm import Beliefs, JobEvent, Limits, MovedByOthersError, MoveRefusedError, Supervisor
 from daemon.arm.guard import MoveCommand
 from daemon.arm.motion import Arrival
 from daemon.arm.workcell import Workcell
@@ -185,7 +185,7 @@ def lived(port: int, story: Callable[[Cell], Awaitable[None]]) -> None:
             ON_HAND,
             asyncio.to_thread,  # type: ignore[arg-type]
         )
-        interrupted: list[Interruption] = []
+        interrupted: list[JobEvent] = []
         cell.supervisor = Supervisor(work, Limits(), Arrival(), interrupted.append)
         await cell.robot.open()
         try:

@@ -129,11 +129,11 @@ class FakeCycle:
     def positions(self) -> dict[str, Any]:
         return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 
-    def not_after(self, stops: int, word: str) -> None:
+    def refuse_if_stopped_since(self, stops: int, word: str) -> None:
         if stops != self.stops:
             raise RefusedError("stopped again")
 
-    def not_while_stopping(self, word: str, busy: bool = False) -> None:
+    def refuse_while_stopping(self, word: str, busy: bool = False) -> None:
         """Refuse nothing: stops of this fake take no time."""
 
     async def prove_stop(self) -> None:
@@ -145,7 +145,7 @@ class FakeCycle:
             raise RefusedError("stopped again")
         self.told.append("enable" if grant is Grant.ALL else f"enable {grant}")
 
-    def between_jobs(self, what: str) -> None:
+    def refuse_during_job(self, what: str) -> None:
         """Refuse nothing: this fake has no long jobs."""
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:

@@ -583,7 +583,7 @@ class NoSyncer:
     def hurry(self) -> None:
         """It is there."""
 
-    def settled(self, timeout_s: float) -> bool:
+    def wait_until_written(self, timeout_s: float) -> bool:
         """It is."""
         return True
 

@@ -22,7 +22,7 @@ _ROUNDS, _LINEARISED = 6, 2
 """How often sides are weighed anew, and in how many rounds, the first, slopes and planes are taken anew as well."""
 
 
-def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group:
+def adjust_corners(members: list[Candidate], group: Group, geometry: Baseline) -> Group:
     """Adjust the corners of a group jointly, from the sides that its facets were fitted to."""
     solid = group.polyhedron
     corners, edges = solid.rings, solid.edges

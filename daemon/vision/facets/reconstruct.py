@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Flags
 from daemon.vision.facets.arc_rings import is_hole_in, round_facets
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
-from daemon.vision.facets.corner_adjustment import settled
+from daemon.vision.facets.corner_adjustment import adjust_corners
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
 from daemon.vision.geometry import Baseline, StereoRig, rings
 from daemon.vision.image import Outline, StereoImages, open_stereo
@@ -106,12 +106,12 @@ def _settled(members: list[Candidate], group: Group, geometry: Baseline, setting
     one corner only then is estimated as one."""
     if settings.corner_detector != "line_fit":
         return group
-    whole = settled(members, group, geometry)
+    whole = adjust_corners(members, group, geometry)
     if 2 * len(group.polyhedron.seams) == len(members) * (len(members) - 1):
         return whole
     again = merge_vertices(whole.facets)
     fewer = len(set().union(*again.rings)) < len(set().union(*whole.rings))
-    return settled(members, again, geometry) if fewer else whole
+    return adjust_corners(members, again, geometry) if fewer else whole
 
 
 def _noise_at_parts(images: StereoImages, chosen: list[Candidate]) -> tuple[float, float]:

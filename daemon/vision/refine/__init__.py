@@ -10,7 +10,7 @@ from daemon.vision.refine.edge_pose import (
     fit_at,
     fit_each,
     fit_edges,
-    settled,
+    refined_pose,
     shown,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
@@ -54,9 +54,9 @@ __all__ = [
     "fit_each",
     "fit_edges",
     "refined_parts",
+    "refined_pose",
     "refit",
     "rims_seen",
-    "settled",
     "shown",
     "turned",
 ]

@@ -202,8 +202,8 @@ def _supported(found: Located) -> bool:
 def fit_at(
     shape: Polyhedron, images: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
-    """Refine a pose cyclopean_from_part (4, 4) that is right to about a pixel; return the fit, as settled() has it, and
-    the measured edges. samples: of the stretches at the pose, if already taken.
+    """Refine a pose cyclopean_from_part (4, 4) that is right to a pixel; return the fit, as refined_pose() has it,
+    and the measured edges. samples: of the stretches at the pose, if already taken.
 
     Print beside edges leads lines astray, from one measurement to the next all the way to another minimum; of stretches
     by themselves most stay on their edges, so that these hold the part where they have it. A part that its lines lead
@@ -232,16 +232,16 @@ def fit_at(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def settled(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
+def refined_pose(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
     """Refine a pose cyclopean_from_part (4, 4) that is probably right but may be off by up to reach_mm, by edges, arcs
     and rims; None if the images do not confirm it."""
-    fit = _settled(shape, images, near)
+    fit = _refined_at(shape, images, near)
     if fit is None and (found := locate(shape, images, near, reach_mm)) is not None:
-        fit = _settled(shape, images, found.pose)
+        fit = _refined_at(shape, images, found.pose)
     return fit
 
 
-def _settled(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
+def _refined_at(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
     laid = SolidBatch.of([shape])
     pose = aligned_to_edges(laid, images, near[None], TOLERANCE_MM)[0]
     samples = edge_samples_of(laid, images, pose[None], TOLERANCE_MM)

@@ -10,7 +10,7 @@ import pytest
 
 from daemon.arm.hold import Hold, Waiting
 from daemon.arm.motion import UnansweredError
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
 from daemon.arm.permit import MotionPermit
 from tests.fakes.in_time import lived
 
@@ -36,12 +36,12 @@ def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -
 
 
 def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
-    said: list[Interruption] = []
+    said: list[JobEvent] = []
     for then, becomes in ((lambda _: None, "waits"), (lambda hold: hold.let_go(), "goes")):
         hold = Hold(MotionPermit(), said.append)
         hold.pause()
         assert waits(hold, False, lambda _, hold=hold, then=then: then(hold)) == becomes
-    assert said == [Interruption.PAUSE, Interruption.PAUSE, Interruption.RESUME]
+    assert said == [JobEvent.PAUSE, JobEvent.PAUSE, JobEvent.RESUME]
 
 
 def test_how_long_ago_moves_were_held_is_known_and_endless_where_they_never_were(

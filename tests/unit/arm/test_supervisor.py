@@ -10,7 +10,7 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, operator_command
+from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, operator_command
 from daemon.arm.permit import Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import ABORT_S
@@ -66,11 +66,11 @@ async def interrupted(world: World, supervisor: Supervisor, act, name: str = "mo
 
 
 STOPS = [
-    (lambda s: s.stop("by hand"), "stopped by hand", Interruption.STOP),
-    (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair", Interruption.ERROR),
-    (lambda s: s.abort(), None, Interruption.ABORT),
-    (lambda s: s.disable(), None, Interruption.ABORT),
-    (lambda s: s.close(), None, Interruption.ABORT),
+    (lambda s: s.stop("by hand"), "stopped by hand", JobEvent.STOP),
+    (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair", JobEvent.ERROR),
+    (lambda s: s.abort(), None, JobEvent.ABORT),
+    (lambda s: s.disable(), None, JobEvent.ABORT),
+    (lambda s: s.close(), None, JobEvent.ABORT),
 ]
 
 
@@ -139,7 +139,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
             lived(supervisor.run("work", broken(), moves))
         assert (supervisor.fault == "OSError: the cable came out") is moves
         assert [name for name, _ in world.wire] == ["abort"] * moves
-        assert [what for what, _ in heard] == [Interruption.ERROR] * moves
+        assert [what for what, _ in heard] == [JobEvent.ERROR] * moves
 
 
 def test_a_refusal_in_a_job_is_no_fault():
@@ -159,7 +159,7 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
     world.before = dead
     lived(supervisor.abort())
     assert "press the emergency stop" in supervisor.fault
-    assert [what for what, _ in heard] == [Interruption.ERROR]
+    assert [what for what, _ in heard] == [JobEvent.ERROR]
 
 
 def test_one_job_at_a_time_and_nothing_is_switched_under_it():
@@ -194,7 +194,7 @@ def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
         supervisor.may_move()
     supervisor.resume()
     supervisor.may_move()
-    assert [what for what, _ in heard] == [Interruption.STOP, Interruption.RESUME]
+    assert [what for what, _ in heard] == [JobEvent.STOP, JobEvent.RESUME]
 
     def early() -> None:
         with pytest.raises(RefusedError, match="still stopping the arm"):
@@ -228,7 +228,7 @@ def test_a_pause_is_told_when_a_move_meets_it_and_its_end_when_it_goes_on():
             await task
 
     lived(story())
-    assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+    assert [what for what, _ in heard] == [JobEvent.PAUSE, JobEvent.RESUME, JobEvent.ABORT]
 
 
 def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
@@ -292,7 +292,7 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said():
             await task
 
     lived(asyncio.wait_for(story(), 10.0))
-    assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+    assert [what for what, _ in heard] == [JobEvent.PAUSE, JobEvent.RESUME, JobEvent.ABORT]
 
 
 def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leaves_behind_is_no_word():
@@ -394,13 +394,13 @@ def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_go
 
 def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
     _, supervisor, _ = supervised()
-    supervisor.between_jobs("this")
+    supervisor.refuse_during_job("this")
 
     async def story() -> None:
         task = asyncio.create_task(supervisor.run("wait", asyncio.sleep(0.05)))
         await asyncio.sleep(0.0)
         with pytest.raises(RefusedError, match="busy: wait; this only when that has ended: wait, or `abort`"):
-            supervisor.between_jobs("this")
+            supervisor.refuse_during_job("this")
         await task
 
     lived(story())
@@ -698,7 +698,7 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
     assert len(told) == 14
     assert [fault["text"] for fault in world.said("fault")][1:] == ["stopped by cat"], "the alarm, once"
     assert len(world.said("rest")) == 1
-    both = [Interruption.ERROR, Interruption.RESUME, Interruption.STOP, Interruption.RESUME]
+    both = [JobEvent.ERROR, JobEvent.RESUME, JobEvent.STOP, JobEvent.RESUME]
     assert [what for what, _ in heard] == both
 
 
@@ -1332,7 +1332,7 @@ def test_a_stop_that_was_confirmed_in_time_sounds_no_alarm_later():
 
     lived(story())
     assert supervisor.fault == "stopped by hand"
-    assert [what for what, _ in heard] == [Interruption.STOP]
+    assert [what for what, _ in heard] == [JobEvent.STOP]
 
 
 @pytest.mark.parametrize(("error", "told"), [(OSError("the line is dead"), "the line is dead"), (OSError(), "OSError")])
@@ -1361,7 +1361,7 @@ def test_a_fault_is_recorded_by_the_code_of_its_cause():
 def test_who_fails_when_told_of_a_stop_is_told_to_the_loop():
     told = []
 
-    def fails(_: Interruption) -> None:
+    def fails(_: JobEvent) -> None:
         raise OSError("the journal is gone")
 
     supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), fails)

@@ -140,7 +140,11 @@ def session_of(**more: Any) -> Any:
     mover = SimpleNamespace(cell=cell, reach=SimpleNamespace(allows=lambda _: True), dry=False, here=None, **more)
     supervisor = SimpleNamespace(mover=mover, run=now, may_move=lambda: None)
     return SimpleNamespace(
-        held=False, supervisor=supervisor, board=BOARD, calibration=CALIBRATION, set_out=AsyncMock(return_value="here")
+        held=False,
+        supervisor=supervisor,
+        board=BOARD,
+        calibration=CALIBRATION,
+        prepare_to_move=AsyncMock(return_value="here"),
     )
 
 
@@ -261,7 +265,7 @@ def test_a_tour_without_a_rough_hand_eye_is_refused_before_the_arm_is_asked() ->
     one.calibration = Calibration(unlike_rig())
     with pytest.raises(SessionError, match="enter a rough one"):
         asyncio.run(view_tour(one, 8, AsyncMock(), 40.0))
-    assert not one.set_out.called
+    assert not one.prepare_to_move.called
 
 
 def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye() -> None:

@@ -65,7 +65,7 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
     supervisor.mover.cell.robot.rest = moving  # type: ignore[assignment]
     session: Any = SimpleNamespace(
         supervisor=supervisor,
-        set_out=supervisor.mover.rest,
+        prepare_to_move=supervisor.mover.rest,
         calibration=SimpleNamespace(hand_eye=np.eye(4)),
         held=False,
     )

@@ -144,14 +144,14 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     """After a restart with a part in the hand the tour's ways were looked along without it."""
     context.cycle.settings = SimpleNamespace(settling=None)
 
-    async def set_out() -> None:
+    async def prepare_to_move() -> None:
         context.cycle.told.append("set out")
 
     async def tour(session: CalibrationSession, *_: Any, **__: Any) -> Any:
-        await session.set_out()
+        await session.prepare_to_move()
         raise CommandError("far enough")
 
-    context.cycle.set_out = set_out
+    context.cycle.prepare_to_move = prepare_to_move
     monkeypatch.setattr(calibrating, "view_tour", tour)
     assert say(context, f"calibrate {kind}").text == "far enough"
     assert context.cycle.told == ["set out"]
@@ -161,7 +161,7 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It went down on the board as fast as the arm travels."""
-    context.cycle.set_out = None
+    context.cycle.prepare_to_move = None
     context.cycle.settings = SimpleNamespace(settling=None)
     context.calibration = None
     context.config.values.pick = SimpleNamespace(
@@ -187,7 +187,7 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
     calibrations, known = context.config.calibrations, load_calibration(ETC / "calibration.yaml")
     calibrations.keep((ETC / "calibration.yaml").read_bytes())
     context.calibration = known
-    context.cycle.set_out = None
+    context.cycle.prepare_to_move = None
     context.cycle.settings = SimpleNamespace(settling=None)
 
     async def shown(*_: Any) -> Any:

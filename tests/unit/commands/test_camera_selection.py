@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm import CameraName, Interruption, RefusedError, operator_command
+from daemon.arm import CameraName, JobEvent, RefusedError, operator_command
 from daemon.arm.belief import BeliefSource
 from daemon.commands import camera_selection
 from daemon.commands.camera_selection import UNMEASURED, cameras
@@ -311,7 +311,7 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
         between, started = auto_degrading(here)
         await here.cycle.supervisor.stop()
         end = await _end(here)
-        fault = replace(end, ended_by=Interruption.ERROR)
+        fault = replace(end, ended_by=JobEvent.ERROR)
         between.ended(fault)
         assert started == []
         here.context.one_camera_allowed = True
@@ -329,13 +329,13 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
         here.context.one_camera_allowed = True
         here.cell.camera.set_fault("right", "away")
         supervisor = here.cycle.supervisor
-        pick = supervisor.begin("pick", here.cycle._one(ALL))
+        pick = supervisor.begin("pick", here.cycle._run_cycle(ALL))
         await until_so(lambda: supervisor.stopping or pick.done())
         await supervisor.abort()
         assert (await pick).outcome == "fault"
         assert started == []
         supervisor.resume()
-        assert (await supervisor.begin("pick", here.cycle._one(ALL))).outcome == "fault"
+        assert (await supervisor.begin("pick", here.cycle._run_cycle(ALL))).outcome == "fault"
         assert started == ["one eye"]
 
     lived(story)
@@ -344,7 +344,7 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
 async def _end(here: Hours) -> Any:
     here.cycle.supervisor.resume()
     here.cell.clear()
-    return await here.cycle._one(ALL)
+    return await here.cycle._run_cycle(ALL)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from daemon.arm import Interruption
+from daemon.arm import JobEvent
 from daemon.commands.moving import describe_end, end_json
 from daemon.pick.outcome import CycleEnd, Outcome
 
@@ -26,5 +26,5 @@ def test_a_part_that_was_set_down_says_at_which_place_and_how_far_off() -> None:
     assert describe_end(placed) == "picked: cube, 2 looks, 18.0 s (cube at place tray.1: 0.18 mm off)"
     assert describe_end(end(Outcome.PICKED, "cube", "showed above the bin", 2)) == "picked: cube, 2 looks, 18.0 s"
     assert end_json(placed)["place"] == "tray.1"
-    stopped = replace(end(Outcome.PICKED, "cube", "showed above the bin; then stopped", 2), ended_by=Interruption.STOP)
+    stopped = replace(end(Outcome.PICKED, "cube", "showed above the bin; then stopped", 2), ended_by=JobEvent.STOP)
     assert describe_end(stopped).endswith("(showed above the bin; then stopped)"), "a stop is told with the pick"

@@ -446,7 +446,7 @@ def test_round_a_place_the_arm_goes_to_the_first_that_is_not_refused_and_says_wh
 
     monkeypatch.setattr(set_down, "travel", refusing)
     monkeypatch.setattr(set_down, "places_round", lambda *_: poses)
-    monkeypatch.setattr(set_down, "raise_if_closed", lambda _: None)
+    monkeypatch.setattr(set_down, "reraise_if_all_refused", lambda _: None)
     cell = SimpleNamespace(mounting=None, compute=three)
     context = SimpleNamespace(cell=cell, settings=Settings(), mover=SimpleNamespace(reach=None))
     with contextlib.nullcontext() if told is None else pytest.raises(MoveRefusedError, match=told):

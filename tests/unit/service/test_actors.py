@@ -138,7 +138,7 @@ def idle_status(cycle: PickCycle, status: Callable[[PickCycle], dict[str, object
 
 CONTEXT_OF_ITS_OWN: Guard = (PickCycle, "_context", context_of_the_cycle)
 RELOADS_BETWEEN_JOBS: Guard = (PickCycle, "status", idle_status)
-REFITS_BETWEEN_JOBS: Guard = (Supervisor, "between_jobs", nothing)
+REFITS_BETWEEN_JOBS: Guard = (Supervisor, "refuse_during_job", nothing)
 SAYS_GAPS: Guard = (RunLog, "_write_gap", nothing)
 TELLS_TROUBLE: Guard = (RunLog, "_tell", nothing)
 

@@ -68,7 +68,7 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
     async def disable() -> None:
         return None
 
-    def between_jobs(_: str) -> None:
+    def refuse_during_job(_: str) -> None:
         raise FacetdError("busy: pick")
 
     for name in ("load_config", "pick_cell", "_report_notes"):
@@ -84,7 +84,7 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
         cycle=SimpleNamespace(
             status=lambda: {"doing": None},
             supervisor=SimpleNamespace(
-                permit=SimpleNamespace(granted=True), disable=disable, between_jobs=between_jobs
+                permit=SimpleNamespace(granted=True), disable=disable, refuse_during_job=refuse_during_job
             ),
         ),
     )  # fmt: skip

@@ -181,15 +181,15 @@ class Watched(OpenFile):
 
 def settled(syncer: Syncer, file: Any, count: int) -> bool:
     until(lambda: file.synced >= count)
-    return bool(file.synced == count) and syncer.settled(PATIENCE_S)
+    return bool(file.synced == count) and syncer.wait_until_written(PATIENCE_S)
 
 
 def test_what_is_urgent_is_synced_now_and_the_rest_at_the_end() -> None:
     syncer, file, broken = Syncer(600.0), Watched(), Watched(fails=True)
-    assert syncer.settled(0)
+    assert syncer.wait_until_written(0)
     syncer.take(broken)
     syncer.take(file)
-    assert not syncer.settled(0.05)
+    assert not syncer.wait_until_written(0.05)
     assert file.synced == 0
     syncer.hurry()
     assert settled(syncer, file, 1)

@@ -296,7 +296,7 @@ def test_settled_is_what_is_written_pictures_and_all_and_on_the_disk(log: RunLog
         held.set()
         assert log.settle()
         held.clear()
-    log._syncer.settled = lambda _: False  # type: ignore[method-assign]
+    log._syncer.wait_until_written = lambda _: False  # type: ignore[method-assign]
     assert not log.settle()
 
 

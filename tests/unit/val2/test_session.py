@@ -374,10 +374,10 @@ def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_i
     async def story() -> None:
         wire = Wire()
         session = wire.session
-        session.talk.line_may_hold_rest = False
+        session.talk.line_may_have_leftover = False
         with pytest.raises(NoAnswer, match=r"no prompt \(3 attempts\)"):
             await session.find_prompt(session.talk)
-        assert session.talk.line_may_hold_rest
+        assert session.talk.line_may_have_leftover
         wire.answers = [(0.001, b"\r\nAre you sure (Y/N)? ")]
         await session.find_prompt(session.talk)
         assert session.question == "Are you sure (Y/N)?"
@@ -418,7 +418,7 @@ def test_a_line_that_somebody_typed_and_the_controller_refused_is_somebody_elses
 
     async def story() -> None:
         wire = Wire()
-        wire.session.talk.line_may_hold_rest = False
+        wire.session.talk.line_may_have_leftover = False
         wire.hear(heard)
         await asyncio.sleep(0.1)
         with pytest.raises(told) as raised:
@@ -473,7 +473,7 @@ def test_behind_a_prompt_that_was_found_what_is_ours_is_left_alone(heard: bytes)
 
     async def story() -> None:
         wire = Wire()
-        wire.session.talk.line_may_hold_rest = False
+        wire.session.talk.line_may_have_leftover = False
         wire.answers = [(0.001, b"WHERE"), (0.1, b"\r\n")]
         with pytest.raises(NoAnswer):
             await wire.session.talk.ask("WHERE", (), 5.0)
@@ -535,7 +535,7 @@ async def as_after_an_answer(wire: Wire) -> None:
     """The prompt is found again, and a line was answered since."""
     wire.answers = [(0.001, PROMPT)]
     await wire.session.find_prompt(wire.session.talk)
-    wire.session.talk.line_may_hold_rest = False
+    wire.session.talk.line_may_have_leftover = False
 
 
 @pytest.mark.parametrize(
@@ -555,7 +555,7 @@ def test_what_the_next_turn_would_report_is_known_before_and_taken_from_nobody(
 ) -> None:
     async def story() -> None:
         wire = Wire()
-        wire.session.talk.line_may_hold_rest = False
+        wire.session.talk.line_may_have_leftover = False
         async with wire.session.turn():
             wire.hear(heard)
             await asyncio.sleep(0.1)
@@ -619,7 +619,7 @@ def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_fo
 
     async def story() -> None:
         wire = Wire()
-        wire.session.talk.line_may_hold_rest = False
+        wire.session.talk.line_may_have_leftover = False
         wire.hear(b"SPEED 100\r\n.DO DR")
         finding = asyncio.ensure_future(waits_for_a_line(wire.session))
         await asyncio.sleep(0.1)
@@ -647,7 +647,7 @@ def test_of_much_noise_a_message_quotes_a_little() -> None:
 
     async def story() -> str:
         wire = Wire()
-        wire.session.talk.line_may_hold_rest = False
+        wire.session.talk.line_may_have_leftover = False
         wire.hear(b"".join(b"\r\n" + bytes([65 + k % 26]) * 100 for k in range(30)) + b"\r\n.")
         await asyncio.sleep(0.1)
         with pytest.raises(Disturbed) as raised:

@@ -11,7 +11,7 @@ from daemon.vision.geometry.polyhedron import SolidBatch, exact
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose
-from daemon.vision.refine.edge_pose import facets_laid, fit_at, fit_edges, locate, settled
+from daemon.vision.refine.edge_pose import facets_laid, fit_at, fit_edges, locate, refined_pose
 from tests.fakes import painted
 from tests.fakes.drawn import prism
 from tests.fakes.painted import paint_pair
@@ -105,7 +105,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
     rng, shape, where = np.random.default_rng(3), shape_of(label), pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     thought = frames.perturb(where, np.array([off_mm, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    fit = settled(shape, images, thought, 9.0)
+    fit = refined_pose(shape, images, thought, 9.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < min(0.4, 3 * float(np.sqrt(np.trace(fit.covariance[:3, :3]))))
@@ -115,7 +115,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
 def test_nothing_and_another_part_are_not_settled():
     rng, where = np.random.default_rng(4), pose(np.array(VIEWS[0]), 0.3, 300.0)
     for lying in ([], [(KNOWN["pyramid"], where)]):
-        assert settled(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
+        assert refined_pose(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
 
 
 @pytest.mark.parametrize(("blur_px", "followed"), [(1.5, True), (7.0, False)])
