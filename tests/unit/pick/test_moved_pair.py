@@ -275,7 +275,7 @@ def test_where_the_arm_cannot_go_beside_it_is_said_and_is_no_fault() -> None:
     world = one_part()
     low, high = ([c + s for c in world.at[:3, 3]] for s in (-20.0, 20.0))
     cycle = alone(world, Settings(limits=Limits(box_low_mm=tuple(low), box_high_mm=tuple(high))))
-    with pytest.raises(RefusedError, match="no second picture"):
+    with pytest.raises(RefusedError, match="cannot go aside for the second picture"):
         asyncio.run(cycle.look())
     assert not world.wire
     assert cycle.supervisor.fault is None

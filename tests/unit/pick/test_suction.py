@@ -125,7 +125,7 @@ def test_a_part_that_is_too_heavy_or_too_long_for_the_cup_is_told_before_anythin
     solid, _ = plate()
     found, why = taken(solid, lying(solid), msgspec.structs.replace(CUP, density_g_cm3=20.0))
     assert not found
-    assert "times what the cup holds there" in why
+    assert "times what the cup can hold there" in why
     weight_n, middle = weight_and_middle(solid, 2.7)
     assert weight_n == pytest.approx(80 * 60 * 20 * 2.7e-6 * 9.81)
     assert middle == pytest.approx([40.0, 30.0, 10.0])
@@ -139,7 +139,7 @@ def test_the_facets_that_it_can_take_are_told_whichever_is_up_and_why_none_where
         CUP, cup_radius_mm=40.0
     ).takes(solid, 1.0)
     heavy = msgspec.structs.replace(CUP, vacuum_bar=0.01).takes(solid, ERROR_MM)
-    assert "times what the cup holds there" in heavy
+    assert "times what the cup can hold there" in heavy
 
 
 def test_the_moment_counts_the_lever_and_the_lean_it_is_carried_with():
@@ -169,7 +169,7 @@ def test_a_facet_that_looks_aside_or_down_is_not_taken_and_the_reason_is_told():
     steep = msgspec.structs.replace(CUP, lean_deg=5.0)
     found, why = taken(solid, apex_up, steep)
     assert not found
-    assert "no flat facet of it leans by less than 5 degrees" in why
+    assert "no flat facet of it faces up to within 5 degrees" in why
 
 
 def test_a_neighbour_in_the_cups_way_blocks_and_one_beside_it_does_not():
