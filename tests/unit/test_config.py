@@ -19,6 +19,7 @@ from daemon.main import main
 from daemon.store import folders
 from daemon.store.yamlfile import ConfigError
 from drivers.puma560 import PUMA560
+from tests.fakes.daemon_process import write_own_calibration
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 
@@ -27,6 +28,7 @@ ETC = Path(__file__).resolve().parents[2] / "etc"
 def path(tmp_path: Path) -> Path:
     for name in ("facetd.yaml", "calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
         shutil.copy(ETC / name, tmp_path)
+    write_own_calibration(tmp_path)
     return tmp_path / "facetd.yaml"
 
 

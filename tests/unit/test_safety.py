@@ -54,7 +54,7 @@ def test_every_hazard_says_what_prevents_it_and_which_test_shows_it() -> None:
 def test_how_long_a_move_is_at_most_follows_from_limits_and_speeds() -> None:
     ranges = np.ptp(PUMA560.limits_rad, axis=1)
     longest_s = (ranges / JOINT_SPEED_RAD_S + JOINT_SPEED_RAD_S / JOINT_ACCELERATION_RAD_S2).max()
-    assert f"that is {longest_s:.1f} s at 100 %" in PAGE
+    assert f"| {longest_s:.1f} s at 100 %" in PAGE
     line_s = Limits().max_step_mm / LINE_SPEED_MM_S + LINE_SPEED_MM_S / LINE_ACCELERATION_MM_S2
     assert f"`pick.limits.max_step_mm` ({Limits().max_step_mm:g} mm)" in PAGE
     assert f"a line of {Limits().max_step_mm:g} mm at {LINE_SPEED_MM_S:g} mm/s takes {line_s:.2f} s" in PAGE

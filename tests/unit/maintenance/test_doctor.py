@@ -160,7 +160,7 @@ def test_a_rolling_shutter_is_noted_and_so_is_a_camera_that_was_never_tested_for
     cameras = SimpleNamespace(describe=lambda: "two")
     hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
     (_, found) = from_service(hardware, {}, None, {})
-    assert found.line().startswith("note cameras: not tested for a rolling shutter. Give `cameras moving`")
+    assert found.line().startswith("note cameras: not tested for a rolling shutter. Type `cameras moving`")
     measured: Any = {"left": "rolling shutter: 20 ms", "right": "global shutter: 0 ms"}
     levels = [(one.what, one.level) for one in from_service(hardware, {}, None, {}, measured)[1:]]
     assert levels == [("left camera", "note"), ("right camera", "good")]
