@@ -95,7 +95,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.faults
 	$(BIN)/python -m tests.bench.long.kill
 	$(BIN)/python -m tests.bench.long.travels 100000
-	$(BIN)/python -m tests.bench.long.one_eye
+	$(BIN)/python -m tests.bench.long.one_camera
 	$(BIN)/python -m tests.bench.long.around
 	$(BIN)/python -m tests.bench.long.surprises 1000000
 	$(BIN)/python -m tests.bench.long.hostile 1000000

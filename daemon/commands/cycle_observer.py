@@ -51,7 +51,7 @@ class CycleObserver:
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # a person's stop: the one for the fault is done by now
         if end.ended_by is JobEvent.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
-            self._start(self.continue_with_one_camera(), "one eye")
+            self._start(self.continue_with_one_camera(), "one camera")
 
     def continue_with_one_camera(self) -> Coroutine[Any, Any, None]:
         """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`

@@ -30,7 +30,7 @@ SHORTEST_MM, LONGEST_MM = 40.0, 120.0
 OF_DISTANCE, OF_KNOWN = 0.15, 0.25
 """Of the distance looked at, what the camera is moved by. Where parts are to be found, both pictures must show the same
 sides of them, and all of the table; of one that is known, the farther apart the better
-(tests/bench/long/one_eye.py)."""
+(tests/bench/long/one_camera.py)."""
 USUAL_DISTANCE_MM = 350.0
 """Where it is not known how far what is looked at is."""
 SIDES = ((1.0, True), (-1.0, True), (1.0, False), (-1.0, False))

@@ -92,9 +92,7 @@ def reading() -> None:
         for _ in range(200):
             read_grey(data, layout)
         took_ms = (time.process_time() - began_s) / 200 * 1000
-        print(
-            f"  reading a frame of {code:<6} {took_ms:6.3f} ms; two eyes at 15 fps: {took_ms * 3:5.2f} % of a processor"
-        )
+        print(f"  reading a frame of {code:<6} {took_ms:6.3f} ms; 2 cameras at 15 fps: {took_ms * 3:5.2f} % of a core")
 
 
 def uneven() -> None:

@@ -48,7 +48,7 @@ ELSEWHERE = (
     (r"journalctl |ssh |eval |FACETD_PIP", "tests/rig/run.py", "the machine's own"),
     (r"facetctl (cameras|stream|snap)\b", "tests/unit/cli/test_cameras.py", "asks for real cameras"),
     (r"facetctl commission", "tests/cell/test_first_day.py", "a day of its own"),
-    (r"calibrate camera|facetctl calibrate camera", "tests/cell/test_cell_one_eye.py", "a cell with one camera"),
+    (r"calibrate camera|facetctl calibrate camera", "tests/cell/test_cell_one_camera.py", "a cell with one camera"),
     (
         r"(facetctl )?calibrate (quick|import|export|stereo --board)",
         "tests/unit/calibration/test_interchange.py",

@@ -105,7 +105,7 @@ class LightCameras(FakeCameras):
 
     def describe(self) -> str:
         """A name for people."""
-        return "made-up eyes"
+        return "made-up cameras"
 
 
 class Sees(TruthRecogniser):

@@ -1,7 +1,7 @@
 """facetd with the cameras of another process: a launcher for benches on a computer without video devices.
 
 The rest is the daemon as on a real cell. The owner of the cameras serves them with `lend` and starts the daemon by
-`python -m tests.fakes.remote_cameras`, with the path of the socket in FACETD_LENT_EYES.
+`python -m tests.fakes.remote_cameras`, with the path of the socket in FACETD_LENT_CAMERAS.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from daemon import main
 from daemon.cell import own_cells
 from drivers.camera.pair import CameraError, StereoCamera, StereoPair
 
-PLACE = "FACETD_LENT_EYES"
+PLACE = "FACETD_LENT_CAMERAS"
 
 
 def lend(camera: StereoCamera, place: Path) -> Listener:
@@ -33,7 +33,7 @@ def lend(camera: StereoCamera, place: Path) -> Listener:
                 return
             threading.Thread(target=_answer, args=(borrower, camera), daemon=True).start()
 
-    threading.Thread(target=serve, name="lent eyes", daemon=True).start()
+    threading.Thread(target=serve, name="lent cameras", daemon=True).start()
     return listener
 
 
@@ -80,7 +80,7 @@ class BorrowedCameras:
 
     def describe(self) -> str:
         """See StereoCamera."""
-        return "lent eyes"
+        return "lent cameras"
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def test_a_shift_of_a_pixel_is_seen_in_whatever_noise(sigma):
     here, there = view(40, rng, sigma=sigma), view(41, rng, sigma=sigma)
     assert still(pair(here, here), pair(view(40, rng, sigma=sigma), view(40, rng, sigma=sigma)), settling)
     assert not still(pair(here, here), pair(there, here), settling)
-    assert not still(pair(here, here), pair(here, there), settling), "either eye tells"
+    assert not still(pair(here, here), pair(here, there), settling), "either camera shows it"
 
 
 def test_where_all_of_the_image_moves_it_is_not_taken_for_noise():

@@ -1273,12 +1273,12 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
 def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     """Whoever came to say `resume` was told of a stop, and nothing of the drift that had ended the auto before it."""
     world, supervisor, _ = supervised()
-    lived(supervisor.fail("calibration", "the right eye has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
+    lived(supervisor.fail("calibration", "the right camera has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
     for who in ("ann", "bob", "bob"):
         lived(supervisor.stop(f"by {who}"))
-    assert supervisor.fault == "calibration: the right eye has turned; then stopped by bob"
+    assert supervisor.fault == "calibration: the right camera has turned; then stopped by bob"
     assert [record["text"] for record in world.said("fault")] == [
-        "calibration: the right eye has turned", "stopped by ann", "stopped by bob", "stopped by bob",
+        "calibration: the right camera has turned", "stopped by ann", "stopped by bob", "stopped by bob",
     ]  # fmt: skip
 
 

@@ -318,7 +318,7 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
         between.ended(end)
         assert started == [], "nothing was wrong with the cameras"
         between.ended(fault)
-        assert started == ["one eye"]
+        assert started == ["one camera"]
 
     lived(story)
 
@@ -336,7 +336,7 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
         assert started == []
         supervisor.resume()
         assert (await supervisor.begin("pick", here.cycle._run_cycle(ALL))).outcome == "fault"
-        assert started == ["one eye"]
+        assert started == ["one camera"]
 
     lived(story)
 

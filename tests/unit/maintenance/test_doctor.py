@@ -170,13 +170,13 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     hardware: Any = SimpleNamespace(
         kind="simulated",
         clock=lambda: 50.0,
-        cameras=SimpleNamespace(describe=lambda: "two eyes at 30 Hz"),
+        cameras=SimpleNamespace(describe=lambda: "two cameras at 30 Hz"),
         robot=SimpleNamespace(heard_s=47.0),
         where="/dev/facetd-arm",
     )
     lines = [finding.line() for finding in from_service(hardware, {"disk": "disk: 12 MB free"}, None, {})]
     assert lines == [
-        "ok   cameras: two eyes at 30 Hz",
+        "ok   cameras: two cameras at 30 Hz",
         "ok   controller: answered 3 s ago at /dev/facetd-arm",
         "BAD  disk: 12 MB free",
     ]

@@ -80,14 +80,14 @@ def test_an_observer_that_finds_the_arm_must_stop_asks_the_supervisor_to(code):
             if not asking:
                 asking.append(
                     asyncio.create_task(
-                        cycle.supervisor.fail(code, "an eye has moved", FaultCause(CauseCode.CAMERA_KNOCKED))
+                        cycle.supervisor.fail(code, "a camera has moved", FaultCause(CauseCode.CAMERA_KNOCKED))
                     )
                 )
 
     cycle = observed(world, Asking(world))
     end = asyncio.run(cycle.pick())
     assert end.outcome == "fault"
-    assert cycle.status()["fault"] == "calibration: an eye has moved"
+    assert cycle.status()["fault"] == "calibration: a camera has moved"
     assert world.wire[-1][0] == "abort"
 
 

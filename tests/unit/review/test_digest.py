@@ -72,14 +72,14 @@ def test_what_was_held_back_as_it_was_typed_is_shown_so_and_was_not_carried_out(
 
 def test_the_page_tells_which_picks_were_made_with_which_cameras_and_when_that_changed(made: MadeRun) -> None:
     made.pick()
-    made.write("eyes", alone="left", why="right eye: frozen")
+    made.write("eyes", alone="left", why="right camera: frozen")
     made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}
     made.pick()
     run = read_digest(made.close())
     assert [c.cameras for c in run.cycles] == ["both", "left"]
     data = page_data(run)
     assert [c["cameras"] for c in data["cycles"]] == ["both", "left"]
-    assert "cameras in use: left: right eye: frozen" in [e["text"] for e in data["events"]]
+    assert "cameras in use: left: right camera: frozen" in [e["text"] for e in data["events"]]
 
 
 def test_each_pick_has_the_model_and_the_calibration_it_was_made_with(made: MadeRun, tmp_path: Path) -> None:

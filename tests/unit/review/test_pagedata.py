@@ -78,7 +78,7 @@ def records() -> list[Json]:
         line("fault", 12.0, code="link", text="link: no answer", cycle=8),
         line("fault", 12.5, code="link", text="link: no answer", cycle=8),
         line("gap", 13.0, lost=3, why="full"),
-        line("eyes", 13.5, alone="left", why="right eye: frozen"),
+        line("eyes", 13.5, alone="left", why="right camera: frozen"),
         line("run_end", 14.0, why="stopped"),
     ]  # fmt: skip
     return [{**record, "seq": seq} for seq, record in enumerate(found)]
@@ -196,7 +196,7 @@ def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
         (9.0, "clock", None, "the machine's clock jumped by -60.0 s", state),
         (11.0, "fault", 8, "fault: link: no answer", state),
         (12.0, "gap", 8, "records are missing: full", state),
-        (12.5, "eyes", 8, "cameras in use: left: right eye: frozen", state),
+        (12.5, "eyes", 8, "cameras in use: left: right camera: frozen", state),
         (13.0, "run_end", 8, "the run ended: stopped", state),
     ]
     none = [line("model", 0, action="start", version=None, seq=0), line("eyes", 1, alone=None, why="mended", seq=1)]

@@ -45,16 +45,16 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
 @pytest.mark.parametrize(
     ("drift", "auto", "fails"),
     [
-        (Drift("pitched", 0.2, "09:12", True, "an eye has moved"), True, True),
-        (Drift("pitched", 0.2, "09:12", True, "an eye has moved"), False, False),
-        (Drift("pitched", 0.05, "09:12", False, "an eye has moved"), True, False),
+        (Drift("pitched", 0.2, "09:12", True, "a camera has moved"), True, True),
+        (Drift("pitched", 0.2, "09:12", True, "a camera has moved"), False, False),
+        (Drift("pitched", 0.05, "09:12", False, "a camera has moved"), True, False),
         (None, True, False),
     ],
 )
 def test_a_drift_is_told_and_past_its_limit_it_ends_auto(drift: Drift | None, auto: bool, fails: bool) -> None:
     standing, failed = told(drift, auto)
-    assert standing == ({} if drift is None else {"calibration": "an eye has moved"})
-    assert failed == ([("calibration", "an eye has moved")] if fails else [])
+    assert standing == ({} if drift is None else {"calibration": "a camera has moved"})
+    assert failed == ([("calibration", "a camera has moved")] if fails else [])
 
 
 def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from tests.fakes.pictures import STARK, TRUTH, looking, picture, projected
 
 TURNS = np.radians(np.linspace(-120, 120, 41))
 D_SHAPE = [(20 * np.cos(t), 20 * np.sin(t)) for t in TURNS]
-EYE = TRUTH.left.lens()
+CAMERA = TRUTH.left.lens()
 FROM_ABOVE = looking([460.0, -120.0, 10.0], [520.0, 0.0, -290.0])
 
 
@@ -33,7 +33,7 @@ def lying(shape: PartShape, normal: Array, turn_rad: float = 0.4) -> Array:
 
 
 def seen(shape: PartShape, pose: Array) -> Array32:
-    return picture(list(rendered(shape, pose, STARK.facet_albedo)), FROM_ABOVE, EYE)
+    return picture(list(rendered(shape, pose, STARK.facet_albedo)), FROM_ABOVE, CAMERA)
 
 
 @pytest.mark.parametrize("outline", [[(0, 0), (50, 0), (50, 30), (0, 30)], drawn.L_BLOCK])
@@ -56,7 +56,7 @@ def test_a_bore_shows_its_wall_and_the_table_behind() -> None:
     turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     ring = np.column_stack([np.cos(turns), np.sin(turns), np.full(24, 0.8)]) * [1, 1, 10]
     for radius, inside in ((8.5, True), (11.5, False)):
-        px = np.rint(projected(EYE, FROM_ABOVE, apply(pose, ring * [radius, radius, 1]))).astype(int)
+        px = np.rint(projected(CAMERA, FROM_ABOVE, apply(pose, ring * [radius, radius, 1]))).astype(int)
         off = np.abs(image - whole)[px[:, 1], px[:, 0]]
         assert (off > 8).mean() > 0.8 if inside else (off < 2).all()
 
@@ -72,7 +72,7 @@ def test_a_rounding_is_shaded_evenly_and_rests_on_nothing_round() -> None:
     around = np.radians(np.linspace(-70, 70, 60))
     axis_x = shape.surface.corners_mm[:, 0].max() - 20.0
     rim = np.column_stack([axis_x + 20 * np.cos(around), 20 * np.sin(around), np.zeros(60)])
-    px = np.rint(projected(EYE, FROM_ABOVE, apply(pose, rim))).astype(int)
+    px = np.rint(projected(CAMERA, FROM_ABOVE, apply(pose, rim))).astype(int)
     levels = seen(shape, pose)[px[:, 1], px[:, 0]]
     assert np.abs(np.diff(levels)).max() < 12.0
     assert np.ptp(levels) > 30.0

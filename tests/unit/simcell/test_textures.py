@@ -20,13 +20,13 @@ from drivers.simcell.textures import Pattern, printed_faces, table_factors
 from drivers.simcell.world import PartPlace
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 
-EYE = TRUTH.left.lens()
+CAMERA = TRUTH.left.lens()
 POSE = looking([320.0, -60.0, -60.0], [520.0, 0.0, -280.0])
 REST = rigid(np.eye(3), [520.0, 0.0, -275.0])
 
 
 def cube(*patterns: Pattern) -> Array32:
-    return picture([RenderedSolid(part_shape("cube").hull, REST, 0.8, patterns)], POSE, EYE)
+    return picture([RenderedSolid(part_shape("cube").hull, REST, 0.8, patterns)], POSE, CAMERA)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -41,17 +41,17 @@ def test_a_patterned_table_is_as_bright_as_a_plain_one_in_the_mean_and_uneven(se
 def test_the_pattern_lies_in_the_table_and_moves_with_it_in_the_picture() -> None:
     light = CellLight(TABLE, structs.replace(STARK, table_albedo=0.3), np.random.default_rng(0))
     light.cast((), covered=True)
-    plain = radiance(PixelRays(EYE, 640, 480), POSE, (), light)
+    plain = radiance(PixelRays(CAMERA, 640, 480), POSE, (), light)
     light.cast(())
     spot = np.array([[500.0, 20.0, -300.0], [560.0, -30.0, -300.0], [480.0, -50.0, -300.0], [530.0, 60.0, -300.0]])
     seen = []
     for pose in (POSE, looking([480.0, 100.0, 0.0], [520.0, 0.0, -300.0], 0.7)):
-        image = radiance(PixelRays(EYE, 640, 480), pose, (), light)
-        px = np.round(projected(EYE, pose, spot)).astype(int)
+        image = radiance(PixelRays(CAMERA, 640, 480), pose, (), light)
+        px = np.round(projected(CAMERA, pose, spot)).astype(int)
         seen.append([float(image[y - 1 : y + 2, x - 1 : x + 2].mean()) for x, y in px])
     assert np.ptp(seen[0]) > 5
     assert seen[0] == pytest.approx(seen[1], rel=0.25)
-    assert np.array_equal(plain, picture([], POSE, EYE, structs.replace(STARK, table_albedo=0.3))), "under a cloth"
+    assert np.array_equal(plain, picture([], POSE, CAMERA, structs.replace(STARK, table_albedo=0.3))), "under a cloth"
 
 
 def test_print_reads_from_left_to_right_seen_from_outside() -> None:
@@ -81,7 +81,7 @@ def test_print_changes_a_face_and_neither_its_outline_nor_what_is_beside_it() ->
         changed = np.abs(cube(replace(pattern, cells=np.full_like(pattern.cells, 0.1))) - bare) > 0.5
         inside = np.zeros(bare.shape, bool)
         solid = part_shape("cube").hull
-        px = projected(EYE, POSE, apply(REST, solid.vertices[list(solid.faces[pattern.face])]))
+        px = projected(CAMERA, POSE, apply(REST, solid.vertices[list(solid.faces[pattern.face])]))
         low, high = np.floor(px.min(0)).astype(int) - 1, np.ceil(px.max(0)).astype(int) + 2
         inside[low[1] : high[1], low[0] : high[0]] = True
         assert not (changed & ~inside).any()

@@ -37,7 +37,7 @@ STEPS = (
     "ftruncate",
 )
 """Functions of `os` that change what is on the disk, or are said to bring it there."""
-EYE = np.zeros((8, 8), np.uint8)
+IMAGE = np.zeros((8, 8), np.uint8)
 OLD = load_calibration(HOUSE / "etc" / "calibration.yaml")
 NEW = replace(OLD, tool_from_cyclopean=None)
 
@@ -202,7 +202,7 @@ def test_a_taught_view(tmp_path: Path) -> None:
         return len(views) == 2
 
     def teach(folder: Path) -> None:
-        ModelStore(folder).add_view("cube", EYE, EYE, {"who": "x"})
+        ModelStore(folder).add_view("cube", IMAGE, IMAGE, {"who": "x"})
 
     assert cut_at_every_step(tmp_path, teach, teach, found) >= 10
 
@@ -210,7 +210,7 @@ def test_a_taught_view(tmp_path: Path) -> None:
 def test_a_view_that_is_forgotten(tmp_path: Path) -> None:
     def prepare(folder: Path) -> None:
         for _ in range(2):
-            ModelStore(folder).add_view("cube", EYE, EYE, {})
+            ModelStore(folder).add_view("cube", IMAGE, IMAGE, {})
 
     def found(folder: Path) -> bool:
         store = ModelStore(folder)

@@ -59,8 +59,8 @@ def labels(version):
 if what == "model before":
     store.rollback()
 elif what != "read":
-    eye = np.full((8, 8), 7, np.uint8)
-    store.add_view("cube", eye, eye, {"who": what, "table": {"up": [0, 0, 1], "level_mm": 3}, "facets": [["square"]]})
+    grey = np.full((8, 8), 7, np.uint8)
+    store.add_view("cube", grey, grey, {"who": what, "table": {"up": [0, 0, 1], "level_mm": 3}, "facets": [["square"]]})
     store.put_candidate(empty_model(load_facets()))
     try:
         store.accept(store.candidate)
@@ -70,7 +70,7 @@ elif what != "read":
     log.record("run_start", config=log.keep(Path(__file__)))
     log.record("cycle_start", cycle=4, target="cube")
     log.record("auto", on=True, count=3, every_s=None)
-    log.record("look", cycle=4, images={"left": eye, "right": eye}, purpose="survey")
+    log.record("look", cycle=4, images={"left": grey, "right": grey}, purpose="survey")
     log.record("hand", closed=True)
     log.wire({"seq": 1, "way": "out", "bytes": "WHERE"})
     log.wire({"seq": 2, "way": "in", "bytes": "."})

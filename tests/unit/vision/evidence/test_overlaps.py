@@ -85,7 +85,7 @@ def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothin
     assert explained(cube)
     assert explained(cube, bent=face(0))
     assert not explained(cube, bent=face(0) + ASIDE_MM)
-    assert explained(cube, bent=face(0) + ASIDE_MM, by_both=False), "a shadow's outline in one eye"
+    assert explained(cube, bent=face(0) + ASIDE_MM, by_both=False), "a shadow's outline in one camera"
     assert not explained(cube, aside)
     assert not explained()
 

@@ -1,6 +1,6 @@
 """Picks with one camera beside picks with two, and camera faults in mid-auto.
 
-`python -m tests.bench.long.one_eye [PICKS [FAULTS]]`, in the simulated cell with the hand-eye and arm errors of
+`python -m tests.bench.long.one_camera [PICKS [FAULTS]]`, in the simulated cell with the hand-eye and arm errors of
 etc/simcell.yaml. The same part lies in the same place for two cameras, the left and the right alone, one after the
 other. Seconds are the cell's (arm and frames) and, added, the processor's for all else. A fault comes at any moment of
 an auto over two parts; then `resume` is said as a person would.
