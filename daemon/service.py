@@ -43,7 +43,7 @@ from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
 from daemon.signals.input_form import load_form
-from daemon.signals.line import LineSignals
+from daemon.signals.line import ProductionLine
 from daemon.signals.modbus import ModbusError, ModbusServer, PLCInputs, handed_in
 from daemon.signals.packml import PackMLState
 from daemon.signals.settings import ModbusSettings
@@ -273,7 +273,7 @@ class Service:
         signals, robot = config.values.signals, self._hardware.robot
         form = load_form(config.state) if signals else None
         plc = PLCInputs(() if config.values.modbus is None else config.values.modbus.roles)
-        cycle.line = LineSignals(signals, robot, form, self._hardware.clock, log.record, plc)
+        cycle.line = ProductionLine(signals, robot, form, self._hardware.clock, log.record, plc)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )

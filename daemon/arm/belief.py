@@ -56,24 +56,25 @@ class HeldPart:
 
 @dataclass(frozen=True, eq=False)
 class CellBelief:
-    """All beliefs about the cell; None: unknown.
-
-    position: where the arm is at rest; planned: in a dry run, where the arm would be had its moves been sent;
-    turned: where the last joint-interpolated move ended. The controller keeps that configuration of shoulder, elbow
-    and wrist for the next such move, even if a pendant has changed the arm's configuration since;
-    tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is closed; holding: whether it
-    holds a part; held: which part facetd grasped, and how; load: the shape of that part for the guard, capsules in the
-    tool's frame. The monitor speed is not stored: each move sends its own.
-    """
+    """All beliefs about the cell; None: unknown. The monitor speed is not stored: each move sends its own."""
 
     position: Belief[Reading] | None = None
+    """Where the arm is at rest."""
     planned: Belief[Reading] | None = None
+    """In a dry run, where the arm would be had its moves been sent."""
     turned: Belief[Reading] | None = None
+    """Where the last joint-interpolated move ended. The controller keeps that configuration of shoulder, elbow and
+    wrist for the next such move, even if a pendant has changed the arm's configuration since."""
     tool: Belief[Array] | None = None
+    """The controller's TOOL, flange_from_tool (4, 4) mm."""
     closed: Belief[bool] | None = None
+    """Whether the gripper is closed."""
     holding: Belief[bool] | None = None
+    """Whether the gripper holds a part."""
     held: Belief[HeldPart] | None = None
+    """Which part facetd grasped, and how."""
     load: Belief[tuple[Capsule, ...]] | None = None
+    """The shape of that part for the guard, capsules in the tool's frame."""
 
     @property
     def at(self) -> Reading | None:

@@ -73,7 +73,7 @@ class MoveCommand:
 
 
 @dataclass(frozen=True)
-class Strike:
+class PathViolation:
     """A rule that a command breaks somewhere on its path: the rule's name and a line for people."""
 
     rule: str
@@ -90,7 +90,7 @@ class ArmState:
     fault: str | None
     at: Array | None
     now_s: float
-    strikes: tuple[Strike, ...] = ()
+    strikes: tuple[PathViolation, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Waiting:
         return self.answer.done() and not self.answer.cancelled() and self.answer.exception() is not None
 
 
-class Hold:
+class PauseAndStep:
     """Pause and step mode. permit: its motion is held as soon as a pause or step mode begins; interrupted: called when
     a pause holds a job, and when the job continues."""
 
@@ -80,7 +80,7 @@ class Hold:
         self._permit.hold()
         self._running.clear()
 
-    def let_go(self, pauses: int | None = None) -> None:
+    def end_pause(self, pauses: int | None = None) -> None:
         """Continue after a pause. pauses: the number of pauses when this was decided; a later pause stays in force."""
         if pauses in (None, self.pauses):
             self._running.set()

@@ -145,8 +145,8 @@ UNCONFIRMED = "not_confirmed"
 """The rule of a refusal where nobody confirmed the move before its look was too old."""
 
 Gate = Callable[[str, Callable[[], Awaitable[object]], float], Awaitable[None]]
-"""Makes a move wait (Hold.wait). Arguments: the move as text; a check that runs after each wait; for how many seconds
-the move can be confirmed. Raises UnansweredError where nobody confirms it in that time."""
+"""Makes a move wait (PauseAndStep.wait). Arguments: the move as text; a check that runs after each wait; for how many
+seconds the move can be confirmed. Raises UnansweredError where nobody confirms it in that time."""
 
 
 async def _open_gate(*_: object) -> None:
@@ -214,7 +214,7 @@ class Mover:
     def arm_state(self) -> ArmState:
         """The arm's present state, for the guard."""
         at = None if self.here is None else self.here.world_from_tool
-        return ArmState(self.permit.enabled, self.permit.hindrance, at, self.cell.clock())
+        return ArmState(self.permit.enabled, self.permit.blocked_by, at, self.cell.clock())
 
     async def rest(self) -> Reading:
         """Read from the controller where the arm is at rest, and store it. Raises where the arm keeps moving."""
@@ -453,10 +453,10 @@ class Mover:
             )
 
     def _check_gripper_permitted(self) -> None:
-        hindrance = self.permit.hindrance
-        if hindrance is not None or not self.permit.enabled:
-            name = "fault_active" if hindrance is not None else "not_enabled"
-            raise self._refused(Refusal(name, f"the gripper does not move: {hindrance or 'the arm is not enabled'}"))
+        blocked_by = self.permit.blocked_by
+        if blocked_by is not None or not self.permit.enabled:
+            name = "fault_active" if blocked_by is not None else "not_enabled"
+            raise self._refused(Refusal(name, f"the gripper does not move: {blocked_by or 'the arm is not enabled'}"))
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Log a refusal and return its error."""

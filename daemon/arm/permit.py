@@ -63,7 +63,7 @@ class MotionPermit:
         return self._stops > 0
 
     @property
-    def hindrance(self) -> str | None:
+    def blocked_by(self) -> str | None:
         """Why nothing may move: the active fault, or the stop that is under way. None: neither."""
         return self.fault or (f"being stopped ({self.why})" if self.stopping else None)
 
@@ -76,7 +76,7 @@ class MotionPermit:
     def withheld(self) -> bool:
         """Whether a released move must not be sent after all; the line checks this before its last byte leaves. On a
         bad line sending takes seconds: an operator who pauses in that time means this move."""
-        return self.held or self.hindrance is not None or not (self.enabled or self.by_hand_only)
+        return self.held or self.blocked_by is not None or not (self.enabled or self.by_hand_only)
 
     def grant(self, what: Grant) -> None:
         """Permit motion from now on, with the present verification of the stop."""

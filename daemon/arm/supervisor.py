@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from daemon.arm.belief import VoidingEvent
 from daemon.arm.guard import Limits
-from daemon.arm.hold import Hold
+from daemon.arm.hold import PauseAndStep
 from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import OPERATOR_COMMAND, JobEvent, RefusedError
 from daemon.arm.permit import Grant
@@ -42,7 +42,7 @@ class Supervisor:
     ) -> None:
         self.permit = cell.robot.permit
         """Whether arm and gripper may move; only this class grants and withdraws it."""
-        self.hold = Hold(self.permit, interrupted)
+        self.hold = PauseAndStep(self.permit, interrupted)
         """Pause, step mode, and the move that waits for confirmation."""
         self.mover = Mover(cell, limits, arrival, self.hold.wait)
         self.fault_cause = BY_OPERATOR
@@ -180,7 +180,7 @@ class Supervisor:
             self.permit.fault = None
             self.mover.beliefs.void(VoidingEvent.FAULT_CLEARED)
             self._notify(lambda: self._interrupted(JobEvent.RESUME))
-        self.hold.let_go(pauses)
+        self.hold.end_pause(pauses)
 
     def dry(self, on: bool) -> None:
         """Switch dry run on or off: everything is done but the sending."""
@@ -215,7 +215,7 @@ class Supervisor:
         if self.fault is not None:
             raise RefusedError(f"clear the fault first, `resume`: {self.fault}")
         if self.stopping:
-            raise RefusedError(f"the arm is {self.permit.hindrance}; try again when it is at rest")
+            raise RefusedError(f"the arm is {self.permit.blocked_by}; try again when it is at rest")
 
     # Jobs and stops.
 
@@ -423,7 +423,7 @@ class Supervisor:
 
     def _may_begin(self, moves: bool) -> None:
         if self._task is not None or (moves and self.stopping):
-            raise RefusedError(f"busy: {self._doing or self.permit.hindrance}")
+            raise RefusedError(f"busy: {self._doing or self.permit.blocked_by}")
         word, stops = OPERATOR_COMMAND.get() or ("", None)
         if moves:
             self.refuse_if_stopped_since(stops, word)

@@ -24,7 +24,15 @@ from daemon.cell.puma_arm import PumaArm
 from drivers import puma560
 from drivers.val2 import commands
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused, lacks_zero
+from drivers.val2.errors import (
+    ControllerError,
+    Elsewhere,
+    LineHeldBack,
+    NoAnswer,
+    Preempted,
+    StopWordRefused,
+    lacks_zero,
+)
 from drivers.val2.link import Link, MoveStart, NextMove
 from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
@@ -348,9 +356,9 @@ def _refusals() -> Iterator[None]:
     """Context: translate the driver's refusals of a stop and of a motion into errors of daemon.arm."""
     try:
         yield
-    except HeldBack as held_back:
+    except LineHeldBack as held_back:
         raise HeldBackError(held_back.message) from held_back
-    except StopRefused as refused:
+    except StopWordRefused as refused:
         raise StopRefusedError(refused.message) from refused
 
 

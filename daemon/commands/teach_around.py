@@ -15,7 +15,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, yes_or_no
 from daemon.console.phrases import plural
 from daemon.errors import NOT_DONE
-from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoThingError
+from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoSinglePartError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
@@ -38,7 +38,7 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
     sight = ModelRecogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
     try:
         thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, frontend.say), frontend)
-    except NoThingError as error:
+    except NoSinglePartError as error:
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
     if context.cycle.status().get("dry"):
         raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")

@@ -31,7 +31,7 @@ REACH, BESIDE_MM = 1.5, 15.0
 Report = Callable[[str], Awaitable[None]]
 
 
-class NoThingError(RefusedError):
+class NoSinglePartError(RefusedError):
     """There is not one thing to be walked round."""
 
 
@@ -53,13 +53,13 @@ class CircledPart:
         return [group for group in look.scene.view.groups if self.holds(group, look.world_from_cyclopean)]
 
 
-def thing_in(look: Look) -> CircledPart:
-    """The one thing that a look shows. Raises NoThingError for none or several."""
+def single_part_in(look: Look) -> CircledPart:
+    """The one thing that a look shows. Raises NoSinglePartError for none or several."""
     groups = [group for group in look.scene.view.groups if len(group.facets) > 1]
     if not groups:
-        raise NoThingError("no part is seen: put it in the middle of the table, lit from above, nothing else near")
+        raise NoSinglePartError("no part is seen: put it in the middle of the table, lit from above, nothing else near")
     if len(groups) > 1:
-        raise NoThingError(f"{len(groups)} parts are in view; leave the one to be taught alone")
+        raise NoSinglePartError(f"{len(groups)} parts are in view; leave the one to be taught alone")
     corners = frames.apply(look.world_from_cyclopean, groups[0].polyhedron.corners_mm)
     middle = (corners.min(0) + corners.max(0)) / 2
     return CircledPart(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
@@ -92,7 +92,7 @@ async def walk_round(context: PickContext, count: int, report: Report) -> tuple[
     """Find the one thing there is, from where the arm stands or else from the survey views, and look at it from `count`
     places round it. Dry, nothing moves and nothing but the first look is taken.
 
-    Raises NoThingError, RefusedError where too few places are reached, and what moves and looks do.
+    Raises NoSinglePartError, RefusedError where too few places are reached, and what moves and looks do.
     """
     thing = await _found(context)
     mounting = context.cell.mounting
@@ -119,7 +119,7 @@ async def walk_round(context: PickContext, count: int, report: Report) -> tuple[
 async def _found(context: PickContext) -> CircledPart:
     """The thing, from where the arm stands; where none is seen from there, from the survey views, one after another."""
     mover, settings = context.mover, context.settings
-    lacking: NoThingError | None = None
+    lacking: NoSinglePartError | None = None
     for view in (None, *settings.surveys):
         if view is not None:
             if mover.dry:
@@ -128,8 +128,8 @@ async def _found(context: PickContext) -> CircledPart:
             await mover.travel(pose, "find it", lambda _: settings.travel_pct)
         reading = mover.belief.at or await mover.rest()
         try:
-            return thing_in(await context.lit_look(reading, "find it"))
-        except NoThingError as error:
+            return single_part_in(await context.lit_look(reading, "find it"))
+        except NoSinglePartError as error:
             lacking = error
     assert lacking is not None
     raise lacking

@@ -261,7 +261,7 @@ class PickCycle:
         self, recogniser: PartRecogniser, count: int, report: Report
     ) -> tuple[CircledPart, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
-        NoThingError, RefusedError (see look_around)."""
+        NoSinglePartError, RefusedError (see look_around)."""
         self._must_move_the_cameras("teach --around")
         self.supervisor.may_move()
         self._must_know_the_hand()
@@ -638,7 +638,7 @@ class PickCycle:
             world.result = PickResult(Outcome.EMPTIED, "put down what was in the gripper", None)
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
         if self.belief.empty_unproven:
-            await take.let_go(context, world, "bin, to open the gripper first")
+            await take.release_over_bin(context, world, "bin, to open the gripper first")
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event in (PickEvent.GONE, PickEvent.MEASURED):

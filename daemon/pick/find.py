@@ -40,7 +40,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
-    Gained,
+    InformationGain,
     PickContext,
     SuspectError,
     WorldModel,
@@ -381,7 +381,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
             continue
         was = in_all(world.found)
         await world.take_in(context, await look(context, world, "another side"))
-        world.tell(context, Gained("what they hide", was, in_all(world.found), 0.0, 0.0, 0.0, 0.0))
+        world.tell(context, InformationGain("what they hide", was, in_all(world.found), 0.0, 0.0, 0.0, 0.0))
         return True
     return False
 
@@ -431,7 +431,7 @@ async def _tell_gain(
         after, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
     x, y, _ = part.centre
     about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(_open_bits, before, rig)
-    world.tell(context, Gained(about, in_words(before), after, bits_before, bits, gain.bits, gain.seconds))
+    world.tell(context, InformationGain(about, in_words(before), after, bits_before, bits, gain.bits, gain.seconds))
 
 
 def _thought_of(

@@ -14,7 +14,7 @@ from daemon.arm import CameraMounting, CameraName, HeldPart, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.gripper import Gripper
-from daemon.pick.looks import Expected, Look, Taken
+from daemon.pick.looks import CapturedPair, Expected, Look
 from daemon.pick.place_goals import SetDown
 from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
@@ -125,7 +125,7 @@ def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
     return Fit(pose, moved @ part.covariance @ moved.T, part.residual_mm, sum(map(len, part.fitted_mm)))
 
 
-def by_edges(shape: Polyhedron, taken: Taken, near: Array, reach_mm: float) -> Fit | None:
+def by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: float) -> Fit | None:
     """A known part's pose by its edges in a pair, near (4, 4) cyclopean_from_part; None where they do not show there.
 
     In a pair of one camera each picture says by itself where the part is, and the arm's errors at both places count.
@@ -143,7 +143,7 @@ def by_edges(shape: Polyhedron, taken: Taken, near: Array, reach_mm: float) -> F
     return replace(both[0], cyclopean_from_part=pose, covariance=covariance)
 
 
-def _in_its_place(shape: Polyhedron, world_from_part: Array, taken: Taken) -> Fit | None:
+def _in_its_place(shape: Polyhedron, world_from_part: Array, taken: CapturedPair) -> Fit | None:
     """A part's pose by its edges about where it is thought to lie, None where they do not show there."""
     return by_edges(shape, taken, frames.inverse(taken.world_from_cyclopean) @ world_from_part, REACH_MM)
 
@@ -172,14 +172,14 @@ def mount_of(cell: Workcell) -> CameraMount:
     return CameraMount(cell.rig, cell.mounting, cell.alone)
 
 
-def in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> bool:
+def in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
     near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, _cameras_on_the_gripper(taken, mount)
     return any(edge_support(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
 
 
-def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, doubt: Doubt) -> bool:
+def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
@@ -207,7 +207,7 @@ class HeldPose:
     chi2: float
 
 
-def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
+def held_pose(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
     """How the target is in the gripper; None where its edges do not show, or one camera took both pictures, so that
     nothing says how far away the part is.
 
@@ -229,7 +229,9 @@ def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
     return HeldPart(target.label, target.tool_from_part, covariance)
 
 
-def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
+def held_by_edges(
+    shape: Polyhedron, held: HeldPart, taken: CapturedPair, mount: CameraMount, doubt: Doubt
+) -> HeldPose | None:
     """How a part that was grasped so is in the gripper: see held_pose."""
     if mount.alone is not None:
         return None
@@ -274,7 +276,7 @@ def farthest_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> flo
     return float(np.sqrt(pose_fusion.CHI_SQUARE_6 * largest))
 
 
-def came_back_empty(taken: Taken, mount: CameraMount, gripper: Gripper) -> bool:
+def came_back_empty(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -> bool:
     """Whether a pair shows that the gripper took hold of nothing. Where the cameras do not have it in view, a part
     hides it, or it looks the same with a part as without, it does not."""
     empty = gripper.empty
@@ -284,11 +286,11 @@ def came_back_empty(taken: Taken, mount: CameraMount, gripper: Gripper) -> bool:
     return shown(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
-def _cyclopean_from_tool(taken: Taken, mount: CameraMount) -> Array:
+def _cyclopean_from_tool(taken: CapturedPair, mount: CameraMount) -> Array:
     return frames.inverse(mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool))
 
 
-def _cameras_on_the_gripper(taken: Taken, mount: CameraMount) -> StereoImages:
+def _cameras_on_the_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
     stereo = taken.stereo

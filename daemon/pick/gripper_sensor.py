@@ -8,7 +8,7 @@ from daemon.arm import BeliefSource, NotSettledError
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode
 from daemon.pick.following import Target
-from daemon.pick.looks import Taken, taken_here
+from daemon.pick.looks import CapturedPair, taken_here
 from daemon.pick.world import PickContext
 
 MORE_DWELLS = 2
@@ -56,7 +56,7 @@ def stop_if_contradicted(context: PickContext, text: str | None) -> None:
         raise SensorDisagreesError(f"{text}: look into the gripper, type `holding yes` or `holding no`, then `resume`")
 
 
-async def gripper_pair(context: PickContext, target: Target | None) -> Taken | None:
+async def gripper_pair(context: PickContext, target: Target | None) -> CapturedPair | None:
     """A pair of the gripper that may hold the target, from where the arm is at rest; None where the pictures do not
     come to rest (a conveyor below)."""
     cell, reading = context.cell, context.mover.belief.at

@@ -48,7 +48,7 @@ class MisleadingImagesError(VisionError):
 
 
 @dataclass(frozen=True, eq=False)
-class Taken(ByReference):
+class CapturedPair(ByReference):
     """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
     the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one camera was for
     each picture, None where both are of one moment; pivot: that of fixed cameras (see InWorld), None on the hand."""
@@ -81,7 +81,7 @@ class Expected:
     label: str
     confidence: float
     shape: Polyhedron
-    fit: Callable[[Taken], Fit | None]
+    fit: Callable[[CapturedPair], Fit | None]
 
 
 LEAST_CHANGE = 1.05
@@ -98,7 +98,7 @@ class Look(ByReference):
     themselves; clue: what it hints at of the calibration."""
 
     scene: Scene
-    taken: Taken
+    taken: CapturedPair
     taken_s: float
     seconds: float
     from_light_s: float
@@ -138,16 +138,16 @@ def epipolar_px(scene: Scene) -> float:
     return float(np.median(np.abs(np.concatenate(rows)))) if any(map(len, rows)) else float("nan")
 
 
-async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> Taken:
+async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> CapturedPair:
     """Wait until the images are still. reading: where the arm is; rest_s: since when, on the cell's clock. Raises what
     settled_pair does."""
     pair = await settled_pair(cell, rest_s, settling)
     world_from_cyclopean = cell.mounting.world_from_cyclopean_at(reading.world_from_tool)
     pivot = cell.mounting.pivot if isinstance(cell.mounting, InWorld) else None
-    return Taken(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean, pivot=pivot)
+    return CapturedPair(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean, pivot=pivot)
 
 
-def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> Taken:
+def moved_pair_of(cell: Workcell, first: CapturedPair, second: CapturedPair, doubt: Doubt) -> CapturedPair:
     """The pair of two pictures of a cell's one camera. Raises ValueError where the arm did not move between them."""
     assert cell.alone is not None
     from_cameras = [taken.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera for taken in (first, second)]
@@ -159,7 +159,7 @@ def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> 
     )
     left, right = (camera.cyclopean_from_camera for camera in (rig.left, rig.right))
     places = Places(cell.alone, left, right, doubt.arm_mm, doubt.arm_deg)
-    return Taken(
+    return CapturedPair(
         before, pictures, second.reading, max(first.settled_s, second.settled_s), rig, world_from_cyclopean, places
     )
 
@@ -175,7 +175,7 @@ class Observation:
 
 
 def observed(
-    recogniser: PartRecogniser, taken: Taken, table: TablePlane | None, expected: Expected | None
+    recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None, expected: Expected | None
 ) -> Observation:
     """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
     health = _health(taken)
@@ -190,7 +190,7 @@ def observed(
 async def take_look(
     cell: Workcell,
     recogniser: PartRecogniser,
-    taken: Taken,
+    taken: CapturedPair,
     rest_s: float,
     table_z_mm: float | None,
     expected: Expected | None = None,
@@ -217,7 +217,7 @@ async def take_look(
     )
 
 
-def _seen(recogniser: PartRecogniser, taken: Taken, table: TablePlane | None) -> Scene:
+def _seen(recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None) -> Scene:
     scene = recogniser.see(*taken.images, table, taken.rig)
     return scene if taken.moved is None else with_arm(scene, taken.rig, taken.moved.arm)
 
@@ -244,7 +244,7 @@ async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -
     return replace(look, scene=scene, tracked=None, epipolar_px=epipolar_px(scene))
 
 
-def _health(taken: Taken) -> tuple[Finding, ...]:
+def _health(taken: CapturedPair) -> tuple[Finding, ...]:
     """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
     Raises MisleadingImagesError."""
     earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images

@@ -59,7 +59,7 @@ class PartHypothesis:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class HypothesisSet:
     """Hypotheses that look different, each once, and which of their facets are one: numbers, for each hypothesis one a
     facet; the first `seen` of them were seen."""
 
@@ -168,7 +168,7 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     return float(-(joint * logs).sum())
 
 
-def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> Outlook:
+def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> HypothesisSet:
     """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
     that have the same label and the same facets count once, with the sum of what they were given."""
     *taught, untaught = hypotheses
@@ -184,7 +184,7 @@ def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> Outlook:
         first, numbered = once.get(key, (h, own))
         once[key] = replace(first, probability=before + h.probability), numbered
     found, theirs = zip(*once.values(), strict=True)
-    return Outlook(tuple(found), tuple(theirs), len(untaught.facets))
+    return HypothesisSet(tuple(found), tuple(theirs), len(untaught.facets))
 
 
 class _FacetsInSpace:
@@ -228,7 +228,7 @@ class _FacetsInSpace:
         return len(self.corners)
 
 
-def shown(look: Outlook, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
+def shown(look: HypothesisSet, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
     """(V, H, C) how often each facet is found from cameras (V, 3), under each hypothesis; the last is whatever
     something not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,):
     what is looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
@@ -248,7 +248,7 @@ def shown(look: Outlook, centre: Array, centres: Array, beside: Sequence[Array] 
     return found
 
 
-def missed(look: Outlook, shows: Array) -> Outlook:
+def missed(look: HypothesisSet, shows: Array) -> HypothesisSet:
     """Downweight hypotheses whose facets earlier looks should have shown, shows (V, H, C), but did not."""
     speaks = np.prod(1 - shows[:, :, look.seen :], axis=(0, 2))
     weights = look.chances * speaks
@@ -257,7 +257,7 @@ def missed(look: Outlook, shows: Array) -> Outlook:
     return replace(look, hypotheses=tuple(weighed))
 
 
-def ranked(look: Outlook, shows: Array, seconds: Sequence[float]) -> list[Gain]:
+def ranked(look: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
     """Places, by their numbers, the one first that is expected to settle most bits a second. shows (V, H, C)."""
     before, chances = look.entropy, look.chances
     gains = [Gain(v, max(before - expected_entropy(chances, one), 0.0), seconds[v]) for v, one in enumerate(shows)]

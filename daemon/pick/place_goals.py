@@ -19,7 +19,7 @@ from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, path
 from daemon.arrays import Array
 from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.viewpoints import Reachable
-from daemon.store.place_file import CellPlaces, Fixture, Manner, Place, about_vertical, pattern_of
+from daemon.store.place_file import CellPlaces, Fixture, Place, PlaceSettings, about_vertical, pattern_of
 from daemon.store.place_status import FILLABLE, UNSEEN, PlaceSpot, PlaceStatus, PlaceStatuses
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Axis, axis_of_revolution, turns_onto_themselves
@@ -165,7 +165,7 @@ def outline_of(points: Array) -> list[list[float]]:
     return outline
 
 
-def spot_of(manner: Manner, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
+def spot_of(manner: PlaceSettings, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
     """Where a part lies, as the status of a place keeps it."""
     corners = frames.apply(world_from_part, shape.corners_mm)
     middle = corners.mean(axis=0)

@@ -38,7 +38,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.table_room import Beside, beside_of, free_spots
 from daemon.pick.two_fingers import centre_of_mass, felt, hull
 from daemon.pick.viewpoints import Reachable, view_worth
-from daemon.store.place_file import Manner, Place, about_vertical
+from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.vision.geometry import FACING, Polyhedron, StereoRig
 
 MOST_GRASPS = 3
@@ -371,7 +371,7 @@ class Regrasping:
     def _way(self, pose: Array, tool_from_part: Array) -> SetDown:
         label = self.destination.goals[0].place.part
         table_z_mm = self.settings.limits.table_z_mm
-        manner = Manner(part=label, release_mm=RELEASE_MM, tolerance_mm=AS_LAID_MM, tolerance_deg=AS_LAID_DEG)
+        manner = PlaceSettings(part=label, release_mm=RELEASE_MM, tolerance_mm=AS_LAID_MM, tolerance_deg=AS_LAID_DEG)
         place = Place(TABLE, manner, np.eye(4), pose)
         return set_down_of(
             Goal(place, self.shape, (pose,), table_z_mm), pose, tool_from_part, self.settings, self.mounting

@@ -34,7 +34,7 @@ from daemon.pick.following import (
     sighted,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted
-from daemon.pick.looks import Look, Taken
+from daemon.pick.looks import CapturedPair, Look
 from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult, not_looked_at
 from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
@@ -61,7 +61,7 @@ SIGMAS = 3.0
 """A height that is off by more than so many predicted errors is no error of the looks."""
 
 
-async def measure(context: PickContext, target: Target, taken: Taken) -> Array | None:
+async def measure(context: PickContext, target: Target, taken: CapturedPair) -> Array | None:
     """How the part is in the gripper, tool_from_part (4, 4) mm, by its edges in the look after the lift and by how it
     was grasped; None where they do not show, or the two disagree by more than both may err: it slipped, or was not seen
     well. The part is guarded by its corners there from now on."""

@@ -10,7 +10,7 @@ from daemon import frames
 from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.stand_offs import Stops
+from daemon.pick.stand_offs import StandOffs
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers, tool_rotation
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
@@ -99,7 +99,7 @@ class Settings:
     """The limits that the guard keeps."""
     arrival: Arrival = field(default_factory=Arrival)
     """When a move counts as arrived, and when the arm counts as lost."""
-    stops: Stops = field(default_factory=Stops)
+    stops: StandOffs = field(default_factory=StandOffs)
     """Where to stop on the approach, and when to stop looking."""
     doubt: Doubt = field(default_factory=Doubt)
     """One-sigma uncertainties of the cell."""

@@ -11,7 +11,7 @@ from daemon.quantities import Few, Length, Turn
 
 
 @dataclass(frozen=True)
-class Stops:
+class StandOffs:
     """Where the approach stops to look, and when it has looked enough."""
 
     stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
@@ -26,7 +26,7 @@ class Stops:
     """Most looks at one part before it is left alone."""
 
 
-def enough(estimate: Estimate, looks: int, stops: Stops, any_turn: bool = False) -> bool:
+def enough(estimate: Estimate, looks: int, stops: StandOffs, any_turn: bool = False) -> bool:
     """Whether the pose is known well enough for the final approach, which is made without another look. any_turn: the
     turn about the vertical does not matter."""
     turned_deg = estimate.predicted_tilt_deg if any_turn else estimate.predicted_deg
@@ -34,7 +34,7 @@ def enough(estimate: Estimate, looks: int, stops: Stops, any_turn: bool = False)
     return good and looks >= stops.least_looks
 
 
-def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) -> float:
+def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: StandOffs) -> float:
     """The stand-off of the next look, mm: the nearest not yet passed whose look is predicted to be enough (nearer costs
     no more, and says more), or the next one in the list where none is; the nearest again when all are passed.
 

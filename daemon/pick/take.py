@@ -21,7 +21,7 @@ from daemon.pick.following import (
     still_there,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted, wait_for_hold
-from daemon.pick.looks import Look, Taken
+from daemon.pick.looks import CapturedPair, Look
 from daemon.pick.outcome import InGripper, PickResult, not_looked_at, released
 from daemon.pick.place_goals import Goal
 from daemon.pick.plan import last_stretch
@@ -107,7 +107,7 @@ async def verify(
     context.decide("missed", why, code, label=target.label)
     if world.failures >= context.settings.tries:
         skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", code)
-    await let_go(context, world)
+    await release_over_bin(context, world)
     return PickEvent.MISSED
 
 
@@ -206,7 +206,7 @@ async def over_bin(
 
 
 def _shown_in_gripper(
-    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, settings: Settings
+    target: Target, before: CapturedPair | None, after: CapturedPair | None, mount: CameraMount, settings: Settings
 ) -> tuple[InGripper, InGripper]:
     """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
     above = opened = InGripper.UNCLEAR
@@ -219,7 +219,7 @@ def _shown_in_gripper(
     return above, opened
 
 
-async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
+async def release_over_bin(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
     """Open the gripper above the bin: nowhere else does a pick open it, but at the place of a part that it grasped."""
     await travel(context, world, context.settings.bin.pose(), purpose)
     await _open_gripper(context)

@@ -31,9 +31,9 @@ from daemon.pick import moved_pair
 from daemon.pick.following import Target
 from daemon.pick.fused_objects import ONE_MM, known
 from daemon.pick.looks import (
+    CapturedPair,
     Expected,
     Look,
-    Taken,
     log_look,
     moved_pair_of,
     relight,
@@ -110,7 +110,7 @@ class PickContext:
         tell(self.observer, look)
         return look
 
-    async def _from_beside(self, first: Taken, known: bool, back: bool) -> tuple[float, Taken]:
+    async def _from_beside(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
         """The second picture of a pair of one camera, from beside the first; since when the arm is at rest, and the
         pair. Raises RefusedError where the arm cannot go beside."""
         mover, settings, cell = self.mover, self.settings, self.cell
@@ -155,7 +155,7 @@ class PickContext:
 
 
 @dataclass(frozen=True)
-class Gained:
+class InformationGain:
     """What one more look has brought. about: what was looked at; before, after: what is thought of it, in the
     operator's words, and the bits that are open; expected: those that the look was to settle; seconds: what the way and
     the look were to take."""
@@ -179,53 +179,64 @@ class BeforeDisagreement:
 
 @dataclass(eq=False, repr=False)
 class WorldModel:
-    """What a pick knows of the table. The running pick has one, and its handlers keep it.
-
-    skipped: parts left alone, from pick to pick; looks: at the whole table since it was last surveyed; found: what lies
-    there by them; looked_again: (3,) centres of parts that were looked at from another side; gained: what each further
-    look brought; ghosts: (3,) middles of lone facets that did not show again; unseen_from: (3,) where a part lay and
-    (3,) in which direction from it a look along its approach did not find it; last_target: stays when the target is
-    given up; doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table
-    was looked at again because its looks got old; questioned: what was found before two looks at the target disagreed;
-    doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
-    the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
-    next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often;
-    laid: how often a part was laid down to be taken anew;
-    set_down_at: the place at which the gripper was to open; result: what the pick has come to so far; let_go: the
-    gripper has opened where the part was to go, and no look has judged it yet; brought: whether the part was let go
-    over the bin or at its place; going_home: nothing else is left of the pick; ended_by, stopped_by: what stopped the
-    arm in this pick, and its cause where that is not the pick's outcome.
-    All in world, mm.
-    """
+    """What a pick knows of the table, in the world frame, mm. The running pick has one, and its handlers keep it."""
 
     skipped: list[Skipped]
+    """Parts left alone, from pick to pick."""
     found: list[ObservedPart] = field(default_factory=list)
+    """What lies on the table by these looks."""
     looks: list[Look] = field(default_factory=list)
+    """At the whole table since it was last surveyed."""
     looked_again: list[Array] = field(default_factory=list)
-    gained: list[Gained] = field(default_factory=list)
+    """(3,) centres of parts that were looked at from another side."""
+    gained: list[InformationGain] = field(default_factory=list)
+    """What each further look brought."""
     ghosts: list[Array] = field(default_factory=list)
+    """(3,) middles of lone facets that did not show again."""
     unseen_from: list[tuple[Array, Array]] = field(default_factory=list)
+    """(3,) where a part lay and (3,) in which direction from it a look along its approach did not find it."""
     target: Target | None = None
+    """The part to be picked."""
     last_target: Target | None = None
+    """Stays when the target is given up."""
     doubtful: ObservedPart | None = None
+    """A part to be looked at from another side."""
     failures: int = 0
+    """Of tries at a target."""
     replans: int = 0
+    """How often a target was planned again."""
     old_looks: int = 0
+    """How often a table was looked at again because its looks got old."""
     questioned: BeforeDisagreement | None = None
+    """What was found before two looks at the target disagreed."""
     doubts: int = 0
+    """How often two looks disagreed and the whole table had to be looked at."""
     began_s: float = 0.0
+    """On the cell's clock."""
     moved_s: float = 0.0
+    """How much of the time since then was motion, or waiting for leave to move."""
     taken: int = 0
+    """How many looks there were."""
     again: tuple[int, int] = (0, 0)
+    """How many parts the next look showed where they lay, and how many not."""
     odd: Counter[str] = field(default_factory=Counter)
+    """What else of two looks did not agree, and how often."""
     laid: int = 0
+    """How often a part was laid down to be taken anew."""
     set_down_at: str | None = None
+    """The place at which the gripper was to open."""
     result: PickResult = NOTHING_THERE
+    """The outcome so far."""
     let_go: bool = False
+    """The gripper has opened where the part was to go, and no look has judged it yet."""
     brought: bool = False
+    """Whether the part was released over the bin or at its place."""
     going_home: bool = False
+    """Nothing else is left of the pick."""
     ended_by: JobEvent | None = None
+    """What stopped the arm in this pick."""
     stopped_by: CauseCode | None = None
+    """The cause of that, where it is not the pick's outcome."""
 
     def the_target(self) -> Target:
         """The target, where a state has one."""
@@ -260,7 +271,7 @@ class WorldModel:
         )
         return f"given up after {self.taken} looks and {seconds:.0f} s of looking and computing: {reasons}{blame}"
 
-    def tell(self, context: PickContext, gained: Gained) -> None:
+    def tell(self, context: PickContext, gained: InformationGain) -> None:
         """Keep what a look has brought, and log it."""
         self.gained.append(gained)
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))

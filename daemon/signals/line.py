@@ -49,7 +49,7 @@ class SignalLevel:
     at_s: float
 
 
-class LineSignals:
+class ProductionLine:
     """See the module. waits_for: the signal that a job waits for, as text; done: a part was brought, and the line has
     not acknowledged it; form: how inputs are read, None before `signal find`."""
 
@@ -272,7 +272,7 @@ class LineSignals:
 
 
 async def keep_watch(
-    line: LineSignals,
+    line: ProductionLine,
     state: Callable[[], PackMLState],
     stop_seen: Callable[[], int],
     reset: Callable[[], None],
@@ -313,6 +313,6 @@ class NoSignals:
         return ""
 
 
-def no_line() -> LineSignals:
+def no_line() -> ProductionLine:
     """The signals of a cell without a line."""
-    return LineSignals({}, NoSignals(), None, lambda: 0.0, lambda *_, **__: None)
+    return ProductionLine({}, NoSignals(), None, lambda: 0.0, lambda *_, **__: None)

@@ -74,7 +74,7 @@ class FixtureEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manner:
+class PlaceSettings:
     """How a part comes to lie at a place, or at each place of a pattern."""
 
     part: str
@@ -94,7 +94,7 @@ class Manner:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceEntry(Manner):
+class PlaceEntry(PlaceSettings):
     """One place: the pose of the part; or which side is down, where, and how it is turned."""
 
     pose: Matrix | None = None
@@ -108,7 +108,7 @@ class PlaceEntry(Manner):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatternEntry(Manner):
+class PatternEntry(PlaceSettings):
     """A grid of places: three corners and the number of rows and columns; a fourth corner is a check. Each corner may
     be the name of a place in this file, as `place teach` stores it: the pattern then replaces that place."""
 
@@ -163,7 +163,7 @@ class Place:
     """
 
     name: str
-    manner: Manner
+    manner: PlaceSettings
     world_from_frame: Array
     frame_from_part: Array | None = None
     side_down: int | None = None
@@ -286,7 +286,7 @@ def _check_names(document: Document, file: PlacesFile) -> None:
                 raise document.error(keys, "expected low_mm below high_mm along each axis")
 
 
-def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], manner: Manner) -> Array:
+def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], manner: PlaceSettings) -> Array:
     if manner.fixture is None:
         return np.eye(4)
     if manner.fixture not in file.fixtures:

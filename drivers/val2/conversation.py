@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, HeldBack, Interleaved, LinkError, NoAnswer, ProcessorHalted
+from drivers.val2.errors import Busy, Garbled, Interleaved, LineHeldBack, LinkError, NoAnswer, ProcessorHalted
 from drivers.val2.interleaved import typed_behind, typed_beside
 from drivers.val2.location import Location
-from drivers.val2.pending_answers import Owed, PendingAnswers
+from drivers.val2.pending_answers import PendingAnswer, PendingAnswers
 from drivers.val2.wire import (
     LONGEST_LINE,
     ControllerQuestion,
@@ -175,7 +175,7 @@ class Conversation:
         """Type a command, reply to its questions, and collect everything up to the prompt, or up to a question without
         a reply. meant: whether the replies are meant for a question; moves: end the line only if motion is permitted.
 
-        Raises Garbled, NoAnswer, HeldBack, Preempted, PortError; ValueError for text that cannot be typed.
+        Raises Garbled, NoAnswer, LineHeldBack, Preempted, PortError; ValueError for text that cannot be typed.
         """
         began_s = self.clock()
         self.typed_whole = False
@@ -184,7 +184,7 @@ class Conversation:
         gathered: list[LineEvent] = []
         while True:
             otherwise = f"no answer to {command!r} within {timeout_s:g} s"
-            event = await self.next_event(timeout_s, otherwise, Owed(command))
+            event = await self.next_event(timeout_s, otherwise, PendingAnswer(command))
             gathered.append(event)
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
@@ -195,7 +195,7 @@ class Conversation:
                     self._owed.table_came()
                 return answer
 
-    async def next_event(self, timeout_s: float, otherwise: str, owed: Owed | None = None) -> LineEvent:
+    async def next_event(self, timeout_s: float, otherwise: str, owed: PendingAnswer | None = None) -> LineEvent:
         """Wait for the next event. Raises NoAnswer(otherwise), after it notes what is owed; Preempted, PortError."""
         self.check()
         try:
@@ -256,7 +256,7 @@ class Conversation:
             except NoAnswer:
                 if is_halted(b"".join(event.raw for event in collected) + self._reader.pending):
                     raise ProcessorHalted from None
-                self._owed.add(Owed(""))
+                self._owed.add(PendingAnswer(""))
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
             return collected
@@ -311,7 +311,7 @@ class Conversation:
     async def _type_line(self, text: str, moves: bool = False) -> None:
         """Send the characters, compare their echo, and only then send the line end.
 
-        Raises Garbled, NoAnswer (no echo) and HeldBack; in each case the line end was not sent.
+        Raises Garbled, NoAnswer (no echo) and LineHeldBack; in each case the line end was not sent.
         """
         if not self.dialect.can_type(text):
             raise ValueError(f"{text!r} cannot be typed: at most {self.dialect.line_limit} plain characters")
@@ -323,7 +323,7 @@ class Conversation:
         elif body:
             await self._send_paced(body)
         if moves and self._permit.withheld:
-            raise HeldBack(f"{text!r} was held back")
+            raise LineHeldBack(f"{text!r} was held back")
         self._put(self.dialect.line_end)
         self._reader.line_ended(self.dialect.echo)
         self.typed_whole = True
@@ -340,7 +340,7 @@ class Conversation:
         wait_s = self.dialect.typing_s + 20.0 * len(text) / self.dialect.baud
         while True:
             otherwise = f"no echo of {text!r} within {wait_s:.1f} s"
-            event = await self.next_event(wait_s, otherwise, Owed(text, is_echo=True))
+            event = await self.next_event(wait_s, otherwise, PendingAnswer(text, is_echo=True))
             if isinstance(event, Garble):
                 await self._judge_echo(text, event)
                 raise Garbled(

@@ -80,7 +80,7 @@ class ControllerError(LinkError):
         )
 
 
-class StopRefused(ControllerError):  # noqa: N818
+class StopWordRefused(ControllerError):  # noqa: N818
     """The controller does not accept the stop command. An arm that comes to rest by itself was not stopped."""
 
 
@@ -100,5 +100,5 @@ class Preempted(LinkError):  # noqa: N818
     """An abort took over the line: the interrupted command was given up."""
 
 
-class HeldBack(LinkError):  # noqa: N818
+class LineHeldBack(LinkError):  # noqa: N818
     """A motion command was held before its line end was sent: it was cancelled, and nothing was carried out."""

@@ -27,7 +27,7 @@ from drivers.val2.errors import (
     PortError,
     Preempted,
     ProcessorHalted,
-    StopRefused,
+    StopWordRefused,
     lacks_zero,
 )
 from drivers.val2.location import Location, apart
@@ -328,8 +328,8 @@ class Link:
         controller accepted the command and cannot report a position, because it is at its power-up questions or the
         arm is not calibrated. Then nothing moves; a CAL has ended, because the prompt comes only after it.
 
-        Raises StopRefused at once where the controller does not accept the command; NoAnswer and others where it does
-        not report rest after some tries. Then the arm may still move: abort again.
+        Raises StopWordRefused at once where the controller does not accept the command; NoAnswer and others where it
+        does not report rest after some tries. Then the arm may still move: abort again.
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
@@ -544,7 +544,7 @@ class Link:
                         continue
                     before, session.question = b"", None
                     return await self._stopped(session, talk)
-                except StopRefused:
+                except StopWordRefused:
                     raise
                 except (NoAnswer, Garbled, ControllerError, Disturbed) as failed:
                     before, problem = b"", failed
@@ -563,7 +563,7 @@ class Link:
 
     async def _stopped(self, session: LineSession, talk: Conversation) -> Where | None:
         """Type the stop command again and check its answer; then read WHERE twice: the readings must agree, or both be
-        refused because the arm is not calibrated. Raises StopRefused."""
+        refused because the arm is not calibrated. Raises StopWordRefused."""
         by_itself = await self._see_it_taken(
             session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
         )
@@ -597,8 +597,8 @@ class Link:
         meanwhile, such as the end of a program or a loss of arm power: unlike a refusal, that does not come at each
         try.
 
-        Raises StopRefused; ControllerError where the controller asks a question instead, because it took the command
-        for an answer, and where it sends a different message each time.
+        Raises StopWordRefused; ControllerError where the controller asks a question instead, because it took the
+        command for an answer, and where it sends a different message each time.
         """
         by_itself: list[str] = []
         for _ in range(MOST_JUDGED):
@@ -609,7 +609,7 @@ class Link:
             if not set(by_itself).isdisjoint(answer.errors):
                 self._void_stop_proof()
                 word, words = self.dialect.abort_word, "; ".join(answer.errors)
-                raise StopRefused(f"the controller does not accept {word} (it answers `{words}`)")
+                raise StopWordRefused(f"the controller does not accept {word} (it answers `{words}`)")
             by_itself += answer.errors
         else:
             raise ControllerError("; ".join(by_itself))

@@ -11,7 +11,7 @@ TABLE_WORDS = frozenset([*LOCATION_HEADER, *JOINT_HEADER, *SHARED_HEADER, "HAND"
 
 
 @dataclass(frozen=True)
-class Owed:
+class PendingAnswer:
     """What may still come after a line that facetd typed. is_echo: its echo, which did not come, so the line was not
     ended; otherwise its answer. line: empty for the line that searches for a prompt, whose answer is prompts."""
 
@@ -33,16 +33,16 @@ class PendingAnswers:
     def __init__(self, clock: Callable[[], float], lasts_s: float) -> None:
         """lasts_s: the greatest delay of an answer."""
         self._clock, self._lasts_s = clock, lasts_s
-        self._owed: list[tuple[Owed, float]] = []
+        self._owed: list[tuple[PendingAnswer, float]] = []
 
-    def add(self, owed: Owed) -> None:
+    def add(self, owed: PendingAnswer) -> None:
         """Note an answer that did not come in time."""
         self._owed.append((owed, self._clock()))
 
     def table_came(self) -> None:
         """Note that a table has answered a WHERE: earlier lines are answered by now, except that another WHERE may
         still owe its table."""
-        self._owed = [(owed, at_s) for owed, at_s in self._owed if owed == Owed("WHERE")]
+        self._owed = [(owed, at_s) for owed, at_s in self._owed if owed == PendingAnswer("WHERE")]
 
     def explain(self, heard: Sequence[str]) -> bool:
         """Whether received text (prompts as dots) may be an owed answer."""

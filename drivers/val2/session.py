@@ -16,8 +16,8 @@ from drivers.val2.errors import (
     ControllerError,
     Disturbed,
     Garbled,
-    HeldBack,
     Interleaved,
+    LineHeldBack,
     LinkError,
     NoAnswer,
     PortError,
@@ -237,11 +237,11 @@ class LineSession:
             self._refuse_others(talk.unheard_of_others())
             try:
                 return await self.ask_once(talk, text, replies, wait_s, meant, moves)
-            except (Garbled, NoAnswer, HeldBack) as caught:
+            except (Garbled, NoAnswer, LineHeldBack) as caught:
                 problem = caught
             if isinstance(problem, Interleaved):
                 await self._refuse_interleaved(talk, problem)
-            once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
+            once_only = isinstance(problem, LineHeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
             refusals = await self.recover(talk, problem)
             if refusals or once_only:
                 break

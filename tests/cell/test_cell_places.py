@@ -12,7 +12,7 @@ import pytest
 
 from daemon.events.codes import DecisionCode
 from daemon.pick.place_goals import Goal, goal_of
-from daemon.store.place_file import Manner, Place
+from daemon.store.place_file import Place, PlaceSettings
 from daemon.store.place_status import PlaceStatus
 from drivers.simcell.parts import TAUGHT
 from drivers.simcell.world import PlacedPart, World
@@ -65,7 +65,7 @@ def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path:
             side = side_down_of(here, "cube")
             assert side is not None
             places = tuple(
-                Place(f"tray.{k}", Manner(part="cube"), np.eye(4), None, side, (400.0, y, -300.0), 10.0)
+                Place(f"tray.{k}", PlaceSettings(part="cube"), np.eye(4), None, side, (400.0, y, -300.0), 10.0)
                 for k, y in enumerate((-250.0, 250.0), start=1)
             )
             table = places_of(here, tmp_path, places)
@@ -125,7 +125,7 @@ def test_a_place_is_taught_by_the_part_that_is_held_there(tmp_path: Path) -> Non
             held = here.cell.world.held
             assert held is not None
             shape = drawn_model().metric[label].solid
-            level = goal_of(Place("nest", Manner(part=label), np.eye(4), np.eye(4)), shape)
+            level = goal_of(Place("nest", PlaceSettings(part=label), np.eye(4), np.eye(4)), shape)
             there = Goal(level.place, shape, tuple(pose @ each for each in level.poses), 0.0)
             lies = replace(held, pose=held.world_from_part(here.cell.world_from_tool()))
             return (label, *true_error(there, lies), errs_mm, errs_deg)

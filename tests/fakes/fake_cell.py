@@ -22,7 +22,7 @@ from daemon.arm.workcell import Workcell
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import CameraMount, Target, in_hand, left_hand
-from daemon.pick.looks import Taken
+from daemon.pick.looks import CapturedPair
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import tool_rotation
@@ -319,7 +319,7 @@ class TruthRecogniser:
         return Facet(noisy, covariance, left, right, np.full(len(corners), self.world.epipolar), 0.1)
 
 
-def truly_in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> bool:
+def truly_in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """The result of a look at the gripper: the truth, because a fake cell's images are empty."""
     world: Any = getattr(taken.pictures, "of", None)
     if world is None:
@@ -327,7 +327,9 @@ def truly_in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt
     return bool(taken.pictures.held == target.label)  # type: ignore[attr-defined]
 
 
-def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, doubt: Doubt) -> bool:
+def truly_left_hand(
+    target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt
+) -> bool:
     """The result of two looks, between which the gripper opened: the truth."""
     pairs: list[Any] = [before.pictures, after.pictures]
     if getattr(pairs[0], "of", None) is None:

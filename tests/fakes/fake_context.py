@@ -25,7 +25,7 @@ from daemon.pick.place_goals import PlaceTable
 from daemon.pick.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
-from daemon.signals.line import LineSignals, no_line
+from daemon.signals.line import ProductionLine, no_line
 from daemon.signals.packml import PackMLState
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
@@ -60,7 +60,7 @@ class FakeCycle:
     located: Any = None
     errs: tuple[float, float] = (0.3, 0.1)
     plans: Sequence[SidePlan] = ()
-    line: LineSignals = field(default_factory=no_line)
+    line: ProductionLine = field(default_factory=no_line)
     packml: PackMLState = PackMLState.IDLE
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 

@@ -17,7 +17,7 @@ from daemon.pick.place_goals import UPSIDE_DOWN, Goal, goal_of, ways_to
 from daemon.pick.plan import approach_poses, stable_sides
 from daemon.pick.regrasp import resting
 from daemon.pick.settings import Settings
-from daemon.store.place_file import Manner, Place, about_vertical
+from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.store.place_status import PlaceState
 from daemon.vision.geometry import Polyhedron
 from tests.fakes.set_downs import MACHINED, model, places_of, shape_of, true_error
@@ -52,7 +52,9 @@ async def turned_over(label: str, rest: int, side: int, seed: int) -> TurnedOver
             here.cell.clear()
             x, y, turn = rng.uniform(480.0, 560.0), rng.uniform(-60.0, 60.0), rng.uniform(-np.pi, np.pi)
             here.cell.world.stand(label, rest, float(x), float(y), float(turn))
-            place = Place("nest", Manner(part=label), np.eye(4), None, side + 1, AT, float(rng.uniform(-180.0, 180.0)))
+            place = Place(
+                "nest", PlaceSettings(part=label), np.eye(4), None, side + 1, AT, float(rng.uniform(-180.0, 180.0))
+            )
             table = places_of(here, Path(folder), (place,))
             end = await here.cycle.pick()
             part = next((p for p in here.cell.world.parts if p.label == label), None)
@@ -72,7 +74,7 @@ def start_on(shape: Polyhedron, side: int, heading_deg: float = 10.0) -> Array:
 
 def goal_on(label: str, shape: Polyhedron, side: int) -> Goal:
     """A place where a part rests on that side, numbered from 0, and on no other that looks the same."""
-    manner = Manner(part=label, equivalents=False)
+    manner = PlaceSettings(part=label, equivalents=False)
     return goal_of(Place("nest", manner, np.eye(4), None, side + 1, AT, 20.0), shape)
 
 

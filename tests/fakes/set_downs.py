@@ -15,7 +15,7 @@ from daemon.arrays import Array
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.place_goals import Goal, PlaceTable
 from daemon.pick.plan import stable_sides
-from daemon.store.place_file import CellPlaces, Manner, Place
+from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.place_status import PlaceState, PlaceStatuses
 from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.model.model import Model
@@ -151,7 +151,7 @@ async def set_down_made(
         here.cell.world.draw([shape_of(label)] if label in MACHINED else [])
         side = scattered(here, label, rng)
         at = (float(rng.uniform(380, 500)), float(rng.choice([-1, 1]) * rng.uniform(200, 260)), -300.0)
-        place = Place("nest", Manner(part=label), np.eye(4), None, side, at, float(rng.uniform(-180, 180)))
+        place = Place("nest", PlaceSettings(part=label), np.eye(4), None, side, at, float(rng.uniform(-180, 180)))
         table = places_of(here, folder, (place,))
         goal, hand, world = table.goals["nest"], here.robot.hand, here.cell.world
         turns = tuple(frames.inverse(goal.poses[0]) @ pose for pose in goal.poses)

@@ -31,7 +31,7 @@ from daemon.cell.pick_cell import doubt_of
 from daemon.cli.demo import PARTS
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
-from daemon.pick.stand_offs import Stops
+from daemon.pick.stand_offs import StandOffs
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
 from tests.fakes import simulated_cell
@@ -175,7 +175,7 @@ async def _under_one(
     async with simulated_cell.rig(seed=100 + number, believed=believed) as here:
         model = await simulated_cell.taught(here)
     usual = replace(Settings(), doubt=doubt_of(believed.quality, Doubt()))
-    once = replace(usual, stops=Stops((450.0,), enough_mm=1e9, enough_deg=1e9, most_looks=1))
+    once = replace(usual, stops=StandOffs((450.0,), enough_mm=1e9, enough_deg=1e9, most_looks=1))
     seeds = [10_000 * (number + 1) + k for k in range(picks)]
     sure, turns = await _row(believed, model, seeds, usual)
     single, _ = await _row(believed, model, seeds[::single_every], once)

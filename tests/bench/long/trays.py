@@ -23,7 +23,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.pick.place_goals import Goal, PlaceTable, goal_of
-from daemon.store.place_file import FILE, Manner, Place, load_places
+from daemon.store.place_file import FILE, Place, PlaceSettings, load_places
 from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.world import PartPlace, PlacedPart, World
@@ -49,7 +49,7 @@ def tray_file(label: str) -> str:
     down = int(np.argmin((shape.hull.normals @ shape.rests[0][:3, :3].T)[:, 2]))
     corners = len(shape.hull.faces[down])
     side = next(k for k, ring in enumerate(solid.rings, start=1) if len(ring) == corners)
-    corner = Place("corner", Manner(part=label), np.eye(4), None, side, (*FIRST_MM, TABLE_MM))
+    corner = Place("corner", PlaceSettings(part=label), np.eye(4), None, side, (*FIRST_MM, TABLE_MM))
     pose = goal_of(corner, solid).poses[0]
     x, y, z = pose[:3, 3]
     right, down = x + PITCH_MM * (COLUMNS - 1), y - PITCH_MM * (ROWS - 1)

@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arm import guard, motion, plausible
 from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
-from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.arm.permit import Grant
 from daemon.config import load_config
@@ -40,7 +40,7 @@ def command(pose=None, speed=50.0, look=99.0):
 
 
 def met(rule):
-    return ArmState(True, None, AT, 100.0, (Strike(rule, "on the way"),))
+    return ArmState(True, None, AT, 100.0, (PathViolation(rule, "on the way"),))
 
 
 BROKEN = [
@@ -155,7 +155,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def go_to(self, pose, speed, from_look):
         before = self.mover.belief.at
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
-        state = (self.mover.permit.enabled, self.mover.permit.hindrance, self.world.now_s)
+        state = (self.mover.permit.enabled, self.mover.permit.blocked_by, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
         except MoveRefusedError:
@@ -208,7 +208,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(closed=st.booleans())
     def hand(self, closed):
-        may = self.mover.permit.enabled and self.mover.permit.hindrance is None
+        may = self.mover.permit.enabled and self.mover.permit.blocked_by is None
         sent = len(self.world.wire)
         try:
             self.loop.run_until_complete(self.mover.hand(closed))

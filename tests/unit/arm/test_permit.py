@@ -65,9 +65,9 @@ def test_of_two_stops_both_must_have_ended():
     permit.stop_begins()
     permit.stop_ends()
     assert permit.stopping
-    assert permit.hindrance == "being stopped (by ann)"
+    assert permit.blocked_by == "being stopped (by ann)"
     permit.stop_ends()
-    assert permit.hindrance is None
+    assert permit.blocked_by is None
     assert not permit.withheld
 
 
@@ -84,4 +84,4 @@ def test_a_fault_is_what_hinders_first():
     permit = granted()
     permit.stop_begins()
     permit.fault = "cameras: no frame"
-    assert permit.hindrance == "cameras: no frame"
+    assert permit.blocked_by == "cameras: no frame"

@@ -1299,7 +1299,7 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
             stopping = asyncio.create_task(supervisor.abort())
             await asyncio.sleep(0.03)
             assert supervisor.stopping
-            assert supervisor.permit.hindrance == "being stopped (aborted by the operator)"
+            assert supervisor.permit.blocked_by == "being stopped (aborted by the operator)"
             await stopping
             assert not supervisor.busy
             assert not supervisor.stopping

@@ -210,9 +210,9 @@ def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one
     lived(story)
 
 
-@pytest.mark.parametrize("hindrance", [None, "disabled", "hand", "stopped", "paused", "auto off"])
+@pytest.mark.parametrize("blocked_by", [None, "disabled", "hand", "stopped", "paused", "auto off"])
 def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_stopped_it(
-    hindrance: str | None,
+    blocked_by: str | None,
 ) -> None:
     async def story(here: Hours) -> None:
         begun: list[Any] = []
@@ -224,23 +224,23 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         context.begin_auto = begin_auto  # type: ignore[method-assign]
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
-        if hindrance == "disabled":
+        if blocked_by == "disabled":
             await here.cycle.supervisor.disable()
-        if hindrance == "hand":
+        if blocked_by == "hand":
             here.cycle.beliefs.learn(BeliefSource.COMMANDED, holding=None)
         going = asyncio.create_task(
             CycleObserver(context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
         )
-        if hindrance == "stopped":
+        if blocked_by == "stopped":
             await asyncio.sleep(0)
             await here.cycle.supervisor.stop()
-        if hindrance in ("paused", "auto off"):
+        if blocked_by in ("paused", "auto off"):
             await asyncio.sleep(0)
-            here.cycle.supervisor.hold.pause() if hindrance == "paused" else here.cycle.auto_off()
+            here.cycle.supervisor.hold.pause() if blocked_by == "paused" else here.cycle.auto_off()
         await going
-        assert here.cycle.supervisor.hold.paused is (hindrance == "paused")
-        assert begun == ([] if hindrance else [(PickOrder(3, None),)])
-        assert (here.cycle.supervisor.fault is None) == (hindrance is None)
+        assert here.cycle.supervisor.hold.paused is (blocked_by == "paused")
+        assert begun == ([] if blocked_by else [(PickOrder(3, None),)])
+        assert (here.cycle.supervisor.fault is None) == (blocked_by is None)
 
     lived(story)
 

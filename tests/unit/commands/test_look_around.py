@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.commands.observing import around_result
-from daemon.pick.world import Gained
+from daemon.pick.world import InformationGain
 
 BEFORE, AFTER = "block_60 67 %, cut_60 17 %, step_60 17 %, not taught 0 %", "block_60 99.8 %"
 
@@ -21,7 +21,7 @@ def known() -> Any:
         told = SimpleNamespace(confidence=0.998, reason="fits")
         return SimpleNamespace(label=label, named=label != "unknown", taken_for=told, centre=np.array([x, 0.0, -280.0]))
 
-    gained = [Gained("what lies at 560, -20", BEFORE, AFTER, 1.25, 0.0, 0.74, 2.5)]
+    gained = [InformationGain("what lies at 560, -20", BEFORE, AFTER, 1.25, 0.0, 0.74, 2.5)]
     found = [part("cube", 500.0), part("block_60", 560.0), part("unknown", 600.0)]
     return SimpleNamespace(looks=[None, None], gained=gained, found=found)
 

@@ -15,7 +15,7 @@ from daemon.commands.signals import reset_by_line
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from daemon.signals.input_form import load_form
-from daemon.signals.line import LineSignals
+from daemon.signals.line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
@@ -42,7 +42,7 @@ def context(tmp_path: Path) -> Any:
     context, robot = fake_context(tmp_path), Robot()
     signals = {"permit": SignalSettings(number=1001, role="permit_pick"), "busy": SignalSettings(number=1, role="busy"),
                "valve": SignalSettings(number=11, role="vacuum")}  # fmt: skip
-    context.cycle.line = LineSignals(signals, robot, None, lambda: 0.0, lambda *_, **__: None)
+    context.cycle.line = ProductionLine(signals, robot, None, lambda: 0.0, lambda *_, **__: None)
     context.hardware.robot = robot
     context.config = SimpleNamespace(state=tmp_path)
 

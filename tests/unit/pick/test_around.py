@@ -16,8 +16,8 @@ from daemon.pick.around import (
     MOST_PLACES,
     NEAREST_MM,
     CircledPart,
-    NoThingError,
-    thing_in,
+    NoSinglePartError,
+    single_part_in,
     tour_round,
     walk_round,
 )
@@ -78,12 +78,12 @@ def look_at_groups(*groups: Any) -> Any:
 def test_the_thing_to_walk_round_is_the_one_group_of_facets_in_view() -> None:
     group = merge_vertices(view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3)).facets)
     lone = SimpleNamespace(facets=group.facets[:1])
-    thing = thing_in(look_at_groups(lone, group))
+    thing = single_part_in(look_at_groups(lone, group))
     assert thing.holds(group, np.eye(4))
-    with pytest.raises(NoThingError, match="no part is seen"):
-        thing_in(look_at_groups(lone))
-    with pytest.raises(NoThingError, match="2 parts are in view"):
-        thing_in(look_at_groups(group, lone, group))
+    with pytest.raises(NoSinglePartError, match="no part is seen"):
+        single_part_in(look_at_groups(lone))
+    with pytest.raises(NoSinglePartError, match="2 parts are in view"):
+        single_part_in(look_at_groups(group, lone, group))
 
 
 CUBE_SEEN = merge_vertices(view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3)).facets)
@@ -140,7 +140,7 @@ def test_a_thing_is_looked_at_from_each_place_that_is_reached_and_how_much_of_it
 def test_where_nothing_is_found_from_anywhere_or_too_few_places_are_reached_nobody_walks() -> None:
     nothing = look_at_groups()
     walk = Walk(nothing, nothing, nothing)
-    with pytest.raises(NoThingError, match="no part is seen"):
+    with pytest.raises(NoSinglePartError, match="no part is seen"):
         walk.walked(6)
     assert walk.travelled == ["find it"] * 2
     few = Walk()
@@ -151,5 +151,5 @@ def test_where_nothing_is_found_from_anywhere_or_too_few_places_are_reached_nobo
     dry.mover.belief.at = "here"
     assert len(dry.walked(LEAST_PLACES)[1]) == 0
     assert len(dry.travelled) == LEAST_PLACES
-    with pytest.raises(NoThingError):
+    with pytest.raises(NoSinglePartError):
         Walk(nothing, dry=True).walked(LEAST_PLACES)

@@ -17,12 +17,14 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.following import sighted
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
-from daemon.pick.stand_offs import Stops
+from daemon.pick.stand_offs import StandOffs
 from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import HEAD_DOWN, TruthRecogniser, World, cycle_of, one_part, rig
 
 OVER = frames.rigid(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.array([520.0, 0.0, 300.0]))
-ONCE = replace(Settings(), views_of_doubtful=0, last_surveys=(), verify_mm=100.0, stops=Stops((150.0,), most_looks=1))
+ONCE = replace(
+    Settings(), views_of_doubtful=0, last_surveys=(), verify_mm=100.0, stops=StandOffs((150.0,), most_looks=1)
+)
 SURE = replace(ONCE, stops=replace(ONCE.stops, enough_mm=5.0, enough_deg=5.0))
 
 

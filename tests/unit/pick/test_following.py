@@ -27,7 +27,7 @@ from daemon.pick.following import (
     least_error,
     left_hand,
 )
-from daemon.pick.looks import Taken
+from daemon.pick.looks import CapturedPair
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from daemon.pick.suction import SuctionCup
 from daemon.store import folders
@@ -46,9 +46,9 @@ CONFIG = load_config(ETC / "facetd.yaml", simulated=True)
 DOUBT = CONFIG.values.pick.doubt
 
 
-def taken(pair: Any, rig: StereoRig) -> Taken:
+def taken(pair: Any, rig: StereoRig) -> CapturedPair:
     """A pair of both cameras, the arm at the world's origin."""
-    return Taken(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
+    return CapturedPair(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
 
 
 DOWN = rigid(np.diag([1.0, -1.0, -1.0]), [500.0, 0.0, 50.0])

@@ -16,9 +16,9 @@ from daemon.arrays import Array
 from daemon.pick import find, following
 from daemon.pick.cycle import PickCycle
 from daemon.pick.find import in_all
-from daemon.pick.looks import Taken
+from daemon.pick.looks import CapturedPair
 from daemon.pick.set_down import MOST_LOOKS
-from daemon.pick.world import Gained, WorldModel
+from daemon.pick.world import InformationGain, WorldModel
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.refine import Fit
 from daemon.vision.values import Recognition
@@ -106,7 +106,7 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     monkeypatch.setattr(find, "_open_bits", lambda *_: 1.5)
     monkeypatch.setattr(find, "in_words", lambda _: "what it was taken for")
     monkeypatch.setattr(find, "_thought_of", lambda *_: ("what it may be", 0.7))
-    gained: list[Gained] = []
+    gained: list[InformationGain] = []
     world: Any = SimpleNamespace(found=[lies(*one) for one in found], tell=lambda _, one: gained.append(one))
     settings = SimpleNamespace(limits=SimpleNamespace(table_z_mm=0.0))
     cell = SimpleNamespace(compute=compute, rig=None)
@@ -114,7 +114,7 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     gain: Any = SimpleNamespace(bits=0.9, seconds=4.0)
     lived(find._tell_gain(context, world, lies("", 100.0), [], gain))
     about = "what lies at 100, 200 mm"
-    assert gained == [Gained(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
+    assert gained == [InformationGain(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
 
 
 def test_an_empty_table_is_looked_at_from_two_sides_more() -> None:
@@ -203,7 +203,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
         lived(cycle.locate("pyramid"))
 
 
-def _shows_at(_shape: Polyhedron, pose: Array, taken: Taken) -> Fit:
+def _shows_at(_shape: Polyhedron, pose: Array, taken: CapturedPair) -> Fit:
     """The edges of a part that show where it lies."""
     return Fit(frames.inverse(taken.world_from_cyclopean) @ pose, 1e-4 * np.eye(6), 0.1, 9)
 

@@ -14,9 +14,9 @@ from daemon.arm.settling import Settling
 from daemon.events.codes import BY_MEASURE
 from daemon.pick import looks
 from daemon.pick.looks import (
+    CapturedPair,
     Expected,
     MisleadingImagesError,
-    Taken,
     log_look,
     take_look,
     taken_here,
@@ -163,9 +163,9 @@ def test_of_two_pictures_of_one_camera_the_left_is_whichever_was_taken_to_the_le
     way = camera[:3, :3] @ [60.0 if to_the_right else -60.0, 40.0, -50.0]
     then = frames.rigid(turned, start[:3, 3] + way)
 
-    def picture(name: str, settled_s: float, at: np.ndarray) -> Taken:
+    def picture(name: str, settled_s: float, at: np.ndarray) -> CapturedPair:
         pair = SimpleNamespace(left=name, right="of nobody")
-        return Taken(pair, pair, Reading(at, np.zeros(6)), settled_s, cell.rig, at)
+        return CapturedPair(pair, pair, Reading(at, np.zeros(6)), settled_s, cell.rig, at)
 
     pair = looks.moved_pair_of(cell, picture("first", 0.4, start), picture("second", 0.7, then), Doubt())
     order = ("first", "second") if to_the_right else ("second", "first")

@@ -14,7 +14,7 @@ from daemon.events.pick_order import OrderStep, PickOrder
 from daemon.pick.cycle import PERMITS
 from daemon.pick.transitions import PickState
 from daemon.signals.input_form import FORMS, InputForm
-from daemon.signals.line import LineSignals
+from daemon.signals.line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.fakes.waiting import until_so
@@ -44,7 +44,7 @@ def with_line(world: World, inputs: Inputs, form: bool = True) -> Any:
     cycle = cycle_of(world)
     signals = {role: SignalSettings(number=number, role=role) for role, number in NUMBERS.items()}  # type: ignore[arg-type]
     kept = InputForm(FORMS[0], "0", "-1") if form else None
-    cycle.line = LineSignals(signals, inputs, kept, lambda: 0.0, lambda *_, **__: None)
+    cycle.line = ProductionLine(signals, inputs, kept, lambda: 0.0, lambda *_, **__: None)
     return cycle
 
 

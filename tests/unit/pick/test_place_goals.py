@@ -28,7 +28,7 @@ from daemon.pick.pose_fusion import Estimate
 from daemon.pick.set_down import _lies
 from daemon.pick.settings import Settings
 from daemon.store.library import load_facets
-from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, Place, SolidBox
+from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Place, PlaceSettings, SolidBox
 from daemon.store.place_status import PlaceState, PlaceStatus, PlaceStatuses
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import Hole, Polyhedron
@@ -45,7 +45,7 @@ ANGLES = st.floats(-180.0, 180.0)
 
 
 def place(label: str = "cube", side: int = 1, heading_deg: float = 0.0, name: str = "nest", **manner: object) -> Place:
-    given = Manner(part=label, **manner)  # type: ignore[arg-type]
+    given = PlaceSettings(part=label, **manner)  # type: ignore[arg-type]
     return Place(name, given, np.eye(4), None, side, (500.0, -100.0, -300.0), heading_deg)
 
 
@@ -84,7 +84,7 @@ def test_a_side_that_the_part_has_not_and_a_pose_in_which_it_would_not_lie_flat_
         goal_of(place(side=7), shape_of("cube"))
     leaning = frames.rigid(frames.rotation_from_vector(np.array(lean)), np.array([500.0, 0.0, -250.0]))
     with pytest.raises(PartPlaceError, match="would not lie flat there"):
-        goal_of(Place("nest", Manner(part="cube"), np.eye(4), leaning), shape_of("cube"))
+        goal_of(Place("nest", PlaceSettings(part="cube"), np.eye(4), leaning), shape_of("cube"))
 
 
 @given(x=st.floats(-5, 5), y=st.floats(-5, 5), turn=st.floats(-0.3, 0.3), which=st.integers(0, 23))
@@ -235,7 +235,7 @@ def test_parts_of_a_pattern_that_would_be_in_one_another_take_no_part(pitch_mm: 
     along = pitch_mm * np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg)), 0.0])
     shape, first = shape_of("cube"), np.array([500.0, -100.0, -300.0])
     places = tuple(
-        Place(f"tray.{k + 1}", Manner(part="cube"), np.eye(4), None, 1, tuple(first + k * along), heading_deg)
+        Place(f"tray.{k + 1}", PlaceSettings(part="cube"), np.eye(4), None, 1, tuple(first + k * along), heading_deg)
         for k in range(3)
     )
     table = PlaceTable(CellPlaces(places=places))
@@ -247,7 +247,7 @@ def test_parts_of_a_pattern_that_would_be_in_one_another_take_no_part(pitch_mm: 
 
 def test_two_places_for_one_spot_and_layers_over_one_another_are_no_mistake() -> None:
     lower = place(name="tray.1")
-    upper = Place("tray.2", Manner(part="cube"), np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
+    upper = Place("tray.2", PlaceSettings(part="cube"), np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
     table = PlaceTable(CellPlaces(places=(place(name="a"), place(name="b"), lower, upper)))
     table.know({"cube": shape_of("cube")})
     assert not table.unusable

@@ -7,7 +7,7 @@ import numpy as np
 from daemon.pick.place_goals import goal_of
 from daemon.pick.place_plan import HEADINGS_DEG, plan_from_side
 from daemon.pick.settings import Settings
-from daemon.store.place_file import Manner, Place
+from daemon.store.place_file import Place, PlaceSettings
 from tests.fakes.fake_cell import ON_HAND, rig, shape_of
 from tests.unit.pick.test_plan import everywhere
 
@@ -15,7 +15,7 @@ AT = np.array([520.0, 0.0, -300.0])
 
 
 def nest(label, side):
-    return Place("nest", Manner(part=label), np.eye(4), None, side + 1, (430.0, -220.0, -300.0), 20.0)
+    return Place("nest", PlaceSettings(part=label), np.eye(4), None, side + 1, (430.0, -220.0, -300.0), 20.0)
 
 
 def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():

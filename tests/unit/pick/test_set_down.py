@@ -30,7 +30,7 @@ from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickState
 from daemon.pick.world import WorldModel
-from daemon.store.place_file import CellPlaces, Manner, Place
+from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import cycle_of, one_part, shape_of
@@ -40,7 +40,7 @@ AT = (430.0, -220.0, -300.0)
 
 
 def nest(name: str = "nest", at: tuple[float, float, float] = AT, part: str = "cube", **manner: Any) -> Place:
-    return Place(name, Manner(part=part, **manner), np.eye(4), None, 1, at, 20.0)
+    return Place(name, PlaceSettings(part=part, **manner), np.eye(4), None, 1, at, 20.0)
 
 
 @pytest.fixture(autouse=True)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from daemon.pick.pose_fusion import fuse
-from daemon.pick.stand_offs import Stops, enough, next_stand_off
+from daemon.pick.stand_offs import StandOffs, enough, next_stand_off
 from tests.unit.pick.test_pose_fusion import DOUBT, looked
 
 
 def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
     rng = np.random.default_rng(5)
     first = looked(rng, 450.0, np.zeros(9))
-    easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
+    easy, hard = StandOffs(enough_mm=1.2), StandOffs(enough_mm=0.05)
     assert next_stand_off([], DOUBT, easy) == 450.0
     assert next_stand_off([first], DOUBT, easy) == 200.0
     assert next_stand_off([first], DOUBT, hard) == 300.0
@@ -21,7 +21,7 @@ def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
 
 def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     rng = np.random.default_rng(6)
-    stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
+    stops = StandOffs(enough_mm=1e6, enough_deg=1e6, least_looks=3)
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
     estimate = fuse(looks, DOUBT)
     assert [enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
@@ -31,7 +31,7 @@ def test_how_a_part_is_turned_about_the_vertical_need_not_be_known_where_it_is_h
     estimate = fuse([looked(np.random.default_rng(7), 200.0, np.zeros(9))], DOUBT)
     unturned = replace(estimate, at_grasp=estimate.at_grasp + np.diag([0, 0, 0, 0, 0, 0.1]))
     leaning = replace(estimate, at_grasp=estimate.at_grasp + np.diag([0, 0, 0, 0.1, 0, 0]))
-    stops = Stops(enough_mm=1e6)
+    stops = StandOffs(enough_mm=1e6)
     assert enough(estimate, 1, stops)
     assert [enough(one, 1, stops) for one in (unturned, leaning)] == [False, False]
     assert [enough(one, 1, stops, any_turn=True) for one in (unturned, leaning)] == [True, False]
@@ -39,7 +39,7 @@ def test_how_a_part_is_turned_about_the_vertical_need_not_be_known_where_it_is_h
 
 def test_how_far_the_arm_turns_it_at_the_grasp_counts_whether_or_not_its_turn_does():
     looks = [looked(np.random.default_rng(7), 200.0, np.zeros(9))]
-    stops = Stops(enough_mm=1e6)
+    stops = StandOffs(enough_mm=1e6)
     for any_turn in (False, True):
         assert enough(fuse(looks, DOUBT), 1, stops, any_turn)
         assert not enough(fuse(looks, replace(DOUBT, arm_deg=2.0 * stops.enough_deg)), 1, stops, any_turn)

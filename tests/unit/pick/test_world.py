@@ -22,7 +22,7 @@ from daemon.pick import world as world_room
 from daemon.pick.outcome import PickResult, Skipped
 from daemon.pick.seen import SAME_PLACE_MM
 from daemon.pick.settings import Settings
-from daemon.pick.world import MOST_LOOKS, MOST_S, Gained, WorldModel, skip
+from daemon.pick.world import MOST_LOOKS, MOST_S, InformationGain, WorldModel, skip
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
@@ -212,7 +212,7 @@ def test_what_a_look_brought_is_kept_and_logged_with_the_number_of_the_look() ->
     logged: list[tuple[str, dict[str, Any]]] = []
     log = SimpleNamespace(record=lambda kind, **fields: logged.append((kind, fields)))
     context: Any = SimpleNamespace(cell=SimpleNamespace(log=log), cycle=7)
-    gained = Gained("it", "one thing", "another", 1.5, 0.5, 1.2, 3.0)
+    gained = InformationGain("it", "one thing", "another", 1.5, 0.5, 1.2, 3.0)
     world = WorldModel([], looks=[cast(Any, None)] * 3)
     world.tell(context, gained)
     assert world.gained == [gained]

@@ -11,7 +11,7 @@ import pytest
 from daemon.arm import HeldBackError
 from daemon.signals import line as lines
 from daemon.signals.input_form import FORMS, InputForm, SignalError
-from daemon.signals.line import LineSignals, keep_watch
+from daemon.signals.line import ProductionLine, keep_watch
 from daemon.signals.packml import PackMLState, packml_state
 from daemon.signals.settings import SignalSettings
 
@@ -60,8 +60,8 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lines, "FAILED_S", 0.0)
 
 
-def served(line: Line, signals: Any = SIGNALS) -> LineSignals:
-    return LineSignals(signals, line, InputForm(FORMS[0], "0", "-1"), lambda: 0.0, lambda *_, **__: None)
+def served(line: Line, signals: Any = SIGNALS) -> ProductionLine:
+    return ProductionLine(signals, line, InputForm(FORMS[0], "0", "-1"), lambda: 0.0, lambda *_, **__: None)
 
 
 def test_a_permit_that_is_off_is_waited_for_and_said() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon.signals.line import LineSignals
+from daemon.signals.line import ProductionLine
 from daemon.signals.modbus import COILS, ModbusServer, PLCInputs, PLCReadings, handed_in, readings
 from daemon.signals.packml import PackMLState
 from daemon.signals.settings import ModbusSettings
@@ -111,7 +111,7 @@ def test_what_is_not_the_plc_s_is_refused_and_changes_nothing(ask: Any) -> None:
 
 def test_a_lost_client_is_a_lost_permit_and_a_new_one_begins_with_none() -> None:
     async def story(served: Served) -> None:
-        line = LineSignals({}, Nothing(), None, lambda: 0.0, lambda *_, **__: None, served.plc)
+        line = ProductionLine({}, Nothing(), None, lambda: 0.0, lambda *_, **__: None, served.plc)
         client = await served.client()
         await client.write_coil(0, True)
         assert await line.read("PLC's permit_pick")
@@ -177,7 +177,7 @@ def test_noise_ends_the_conversation_or_is_refused_and_permits_nothing() -> None
 
 def test_a_start_that_stayed_on_while_the_plc_was_away_does_not_count_again() -> None:
     plc = PLCInputs(("cycle_start",))
-    line = LineSignals({}, Nothing(), None, lambda: 0.0, lambda *_, **__: None, plc)
+    line = ProductionLine({}, Nothing(), None, lambda: 0.0, lambda *_, **__: None, plc)
 
     def wanted(looks: int) -> bool:
         left = iter([True] * looks + [False])

@@ -11,7 +11,7 @@ import pytest
 from daemon.events.pick_order import OrderStep, PickOrder
 from daemon.store.job_file import MOST_STEPS, MOST_TIMES, job_names, load_job, unreadable
 from daemon.store.outside import FileError
-from daemon.store.place_file import CellPlaces, Manner, Place
+from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.recovery_state import SLOT, RecoveryState, _Slot
 from daemon.store.yamlfile import ConfigError
 
@@ -24,7 +24,7 @@ order: any
 if_missing: wait
 look_again_s: 5
 """
-TRAY = CellPlaces(places=tuple(Place(f"tray.{n}", Manner(part="cube"), np.eye(4)) for n in (1, 2)))
+TRAY = CellPlaces(places=tuple(Place(f"tray.{n}", PlaceSettings(part="cube"), np.eye(4)) for n in (1, 2)))
 
 
 def written(folder: Path, text: str, name: str = "kit") -> Path:

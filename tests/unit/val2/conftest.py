@@ -7,11 +7,13 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, ControllerQuirks, Faults, PtyServer
 from tests.fakes.arm_line import ArmLine, MakesLine, line_in_time
 
 
-def controller_that(manners: Manners | None, cold: bool, joints_rad: Any) -> tuple[Controller, Faults, list[bool]]:
+def controller_that(
+    manners: ControllerQuirks | None, cold: bool, joints_rad: Any
+) -> tuple[Controller, Faults, list[bool]]:
     """A controller, its faults, and the commands that its gripper gets."""
     faults, hand = Faults(), list[bool]()
     return Controller(SimulatedArm(joints_rad=joints_rad), manners, hand.append, faults, cold), faults, hand
@@ -23,7 +25,10 @@ def arm_line() -> Iterator[MakesLine]:
     servers: list[PtyServer] = []
 
     def build(
-        manners: Manners | None = None, cold: bool = False, time_scale: float = 20.0, joints_rad: Any = READY_RAD
+        manners: ControllerQuirks | None = None,
+        cold: bool = False,
+        time_scale: float = 20.0,
+        joints_rad: Any = READY_RAD,
     ) -> ArmLine:
         controller, faults, hand = controller_that(manners, cold, joints_rad)
         servers.append(PtyServer(controller, time_scale=time_scale))
@@ -39,7 +44,10 @@ def timed_line() -> MakesLine:
     """The same on simulated time, for a coroutine that `lived` runs: nobody waits for it."""
 
     def build(
-        manners: Manners | None = None, cold: bool = False, time_scale: float = 20.0, joints_rad: Any = READY_RAD
+        manners: ControllerQuirks | None = None,
+        cold: bool = False,
+        time_scale: float = 20.0,
+        joints_rad: Any = READY_RAD,
     ) -> ArmLine:
         controller, faults, hand = controller_that(manners, cold, joints_rad)
         return line_in_time(controller, faults, hand, time_scale)

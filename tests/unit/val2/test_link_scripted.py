@@ -17,11 +17,11 @@ from drivers.val2.errors import (
     Disturbed,
     Elsewhere,
     Garbled,
-    HeldBack,
+    LineHeldBack,
     NoAnswer,
     PortError,
     Preempted,
-    StopRefused,
+    StopWordRefused,
 )
 from drivers.val2.link import PREAMBLE_S, Link, MoveStart, NextMove, Where
 from drivers.val2.location import Location
@@ -707,7 +707,7 @@ def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_ref
 
         link = linked(Scripted(says))
         await link.open()
-        with pytest.raises(StopRefused) as refused:
+        with pytest.raises(StopWordRefused) as refused:
             await link.prove_stop()
         return str(refused.value), link.stop_seen
 
@@ -731,7 +731,7 @@ def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and
         await link.open()
         port.at_first = told
         await link.speed(30)
-        with pytest.raises((HeldBack, ControllerError)) as raised:
+        with pytest.raises((LineHeldBack, ControllerError)) as raised:
             await link.move(GOAL)
         return port.lines, port._line, str(raised.value)
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.val2.errors import Disturbed, NoAnswer
 from drivers.val2.link import Link
-from drivers.val2.pending_answers import Owed, PendingAnswers
+from drivers.val2.pending_answers import PendingAnswer, PendingAnswers
 from tests.fakes.in_time import lived
 from tests.unit.val2.test_link_scripted import GOAL, PROMPT, START, Scripted, linked, table, usual
 
@@ -42,7 +42,7 @@ WHERE = "X Y Z O A T\r\n500.00 0 0 0 0 0.000\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 -
 def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], heard: list[str], explained: bool) -> None:
     answers = PendingAnswers(lambda: 0.0, 60.0)
     for command in owed:
-        answers.add(Owed(command))
+        answers.add(PendingAnswer(command))
     assert answers.explain(heard) is explained
 
 
@@ -50,7 +50,7 @@ def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], hea
 def test_of_a_line_without_its_echo_no_answer_is_owed_but_its_echo(heard: str, explained: bool) -> None:
     """It was never ended."""
     answers = PendingAnswers(lambda: 0.0, 60.0)
-    answers.add(Owed("WHERE", is_echo=True))
+    answers.add(PendingAnswer("WHERE", is_echo=True))
     assert answers.explain([heard, "."]) is explained
     answers.table_came()
     assert not answers.explain([heard, "."])
@@ -60,7 +60,7 @@ def test_of_a_line_without_its_echo_no_answer_is_owed_but_its_echo(heard: str, e
 def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
     now = [5.0]
     answers = PendingAnswers(lambda: now[0], 60.0)
-    answers.add(Owed("WHERE"))
+    answers.add(PendingAnswer("WHERE"))
     now[0] += after_s
     assert answers.explain(["."]) is explained
 
@@ -68,7 +68,7 @@ def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
 @pytest.mark.parametrize(("owed", "heard", "explained"), [("STATUS", "SPEED 99", False), ("WHERE", WHERE, True)])
 def test_behind_a_table_only_another_table_is_owed(owed: str, heard: str, explained: bool) -> None:
     answers = PendingAnswers(lambda: 0.0, 60.0)
-    answers.add(Owed(owed))
+    answers.add(PendingAnswer(owed))
     assert answers.explain([heard, "."])
     answers.table_came()
     assert answers.explain([heard, "."]) is explained

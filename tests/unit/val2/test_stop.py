@@ -12,13 +12,13 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, LineFault, Manners, Mishap
+from drivers.simcell.controller import Controller, ControllerQuirks, LineFault, Mishap
 from drivers.simcell.controller.commands import Ask, bare
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import BRAKES_S, ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
+from drivers.val2.link import BRAKES_S, ControllerError, Link, LinkError, NoAnswer, Preempted, StopWordRefused
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import ControllerQuestion
 from tests.fakes.memory_line import MemoryLine
@@ -37,7 +37,7 @@ def at_simulated_time(story: Coroutine[Any, Any, Any]) -> Any:
 async def under_way(dialect: Dialect | None = None, **manners: Any) -> tuple[Controller, MemoryLine, Link]:
     """An arm that is on a way of some 20 s, and a link that told it."""
     loop = asyncio.get_running_loop()
-    controller = Controller(SimulatedArm(joints_rad=READY_RAD), Manners(**manners))
+    controller = Controller(SimulatedArm(joints_rad=READY_RAD), ControllerQuirks(**manners))
     line = MemoryLine(controller, loop)
     link = Link(line.port, dialect, clock=loop.time, open_port=line.open)
     await link.open()
@@ -112,7 +112,7 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         controller.tick(line.now_s() + 60.0)
         await asyncio.sleep(60.0)
         assert controller.machine.at_rest()
-        with pytest.raises(StopRefused):
+        with pytest.raises(StopWordRefused):
             await link.abort()
         assert not link.stop_seen
 
@@ -150,7 +150,7 @@ def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_w
         await link.open()
         assert not link.stop_seen
         link.dialect = replace(link.dialect, abort_word="HALT")
-        with pytest.raises(StopRefused, match="Illegal command"):
+        with pytest.raises(StopWordRefused, match="Illegal command"):
             await link.prove_stop()
         assert not link.stop_seen
 
