@@ -23,6 +23,7 @@ from daemon.commands.step_mode import READ_S
 from daemon.console.stop_words import means_stop
 from daemon.frontends.client import DaemonLink
 from daemon.store import folders
+from tests.fakes.daemon_process import write_own_calibration
 from tests.fakes.drawn import binary_stl, box, prism
 from tests.fakes.first_day import answer_to, lives_through
 from tests.fakes.made_run import quiet
@@ -183,7 +184,7 @@ class Operator:
     def in_a_shell(self, text: str) -> tuple[int, str]:
         program, *words = shlex.split(text)
         if program == "facetd":
-            words = ["--config", str(folders.HOUSE / "etc" / "facetd.yaml"), *words]  # a real cell's
+            words = ["--config", str(self.daemon.folder / "etc" / "facetd.yaml"), *words]  # a real cell's
         person = Person(self.daemon.folder, *words, program="daemon.main" if program == "facetd" else "daemon.ctl")
         shows = next((sign for line, sign in RUN_ON.items() if text.startswith(line)), None)
         if shows is None and text != "facetctl robot monitor":
@@ -297,6 +298,8 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     truth["arm"] |= {"cold": True, "manners": {"arm_power_after_s": 1.0}}  # somebody presses the button, once asked
     (folder / "simcell.yaml").write_text(yaml.safe_dump(truth, sort_keys=False))
     (folder / "docs").symlink_to(folders.HOUSE / "docs")
+    shutil.copytree(folders.HOUSE / "etc", folder / "etc")
+    write_own_calibration(folder / "etc")
     (folder / "words.txt").write_text("status\npositions\n")
     (folder / "cube.stl").write_bytes(binary_stl(*box()))
     hexagon = [(0.8 * np.cos(a), 0.8 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 7)[:-1]]
