@@ -83,14 +83,14 @@ class PathViolation:
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """The state that the rules are checked against. enabled: by an operator; fault: the active one or None; at: the
-    arm's last reported position, None: unknown; now_s: on the clock that stamps looks; strikes: the rules that the path
-    from there to the command's target breaks (sweep.py)."""
+    arm's last reported position, None: unknown; now_s: on the clock that stamps looks; violations: the rules that the
+    path from there to the command's target breaks (sweep.py)."""
 
     enabled: bool
     fault: str | None
     at: Array | None
     now_s: float
-    strikes: tuple[PathViolation, ...] = ()
+    violations: tuple[PathViolation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def refuse(command: MoveCommand, state: ArmState, limits: Limits) -> Refusal | N
     """Return the first rule that the command breaks, or None where it may be sent."""
     for name, rule in RULES:
         text = None if rule is None else rule(command, state, limits)
-        text = text or next((strike.text for strike in state.strikes if strike.rule == name), None)
+        text = text or next((violation.text for violation in state.violations if violation.rule == name), None)
         if text is not None:
             return Refusal(name, text)
     return None

@@ -327,7 +327,7 @@ def gaps_of(links: Array, body: ArmBody, limits: Limits) -> Gaps:
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 
 
-def strikes(path: MovePath, body: ArmBody, limits: Limits) -> tuple[PathViolation, ...]:
+def violations(path: MovePath, body: ArmBody, limits: Limits) -> tuple[PathViolation, ...]:
     """The rules that the path breaks, each with its worst sample; none where the path is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
     shares = path.first()
@@ -436,5 +436,5 @@ def path_refusal(
     joints = None if command.straight else robot.reachable(command.world_from_tool, start.joints_rad)
     body = body_of(limits.capsules, limits.body_mm)
     path = path_of(start, command, joints, robot, body)
-    met = (path,) if isinstance(path, PathViolation) else strikes(path, body, limits)
-    return refuse(command, replace(state, strikes=met), limits) if met else None
+    met = (path,) if isinstance(path, PathViolation) else violations(path, body, limits)
+    return refuse(command, replace(state, violations=met), limits) if met else None

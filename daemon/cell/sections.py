@@ -297,7 +297,7 @@ def calibration_in_use(config: Config) -> Calibration:
     """The calibration in use, its hand-eye pose from the mounted gripper's tool centre point: cameras on the hand stay
     where they are as grippers change. Raises ConfigError."""
     calibration = load_calibration(config.calibration)
-    if calibration.simulated and config.kind in ("real", "linuxcnc"):
+    if calibration.simulated and config.kind not in ("simulated", "recorded"):
         raise ConfigError(
             f"{config.calibration}: hand_eye is the simulated cell's: enter where your cameras are, measured by ruler, "
             "and delete its line `simulated`; or delete hand_eye: then the arm does no more than `robot cal`"

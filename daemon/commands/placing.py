@@ -284,11 +284,11 @@ def _record(context: CommandContext, name: str, label: str, status: PlaceStatus,
 
 
 def _taught_entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:
-    manner = {} if old is None else {
+    place_settings = {} if old is None else {
         key: getattr(old, key)
         for key in ("fixture", "tolerance_mm", "tolerance_deg", "equivalents", "approach_mm", "release_mm")
     }  # fmt: skip
-    return PlaceEntry(part=label, pose=pose, **manner)  # type: ignore[arg-type]
+    return PlaceEntry(part=label, pose=pose, **place_settings)  # type: ignore[arg-type]
 
 
 async def _clear(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:

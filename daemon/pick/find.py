@@ -19,11 +19,11 @@ from daemon.pick.next_view import (
     Gain,
     PartHypothesis,
     allowed,
+    distinct_hypotheses,
     freshest,
     hypotheses_of,
     in_words,
     next_best,
-    outlook,
     places_round,
     strange,
 )
@@ -443,4 +443,4 @@ def _thought_of(
 
 
 def _open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
-    return outlook(hypotheses, rig).entropy
+    return distinct_hypotheses(hypotheses, rig).entropy

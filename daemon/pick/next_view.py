@@ -168,7 +168,7 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     return float(-(joint * logs).sum())
 
 
-def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> HypothesisSet:
+def distinct_hypotheses(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> HypothesisSet:
     """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
     that have the same label and the same facets count once, with the sum of what they were given."""
     *taught, untaught = hypotheses
@@ -228,38 +228,38 @@ class _FacetsInSpace:
         return len(self.corners)
 
 
-def shown(look: HypothesisSet, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
+def shown(competing: HypothesisSet, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
     """(V, H, C) how often each facet is found from cameras (V, 3), under each hypothesis; the last is whatever
     something not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,):
     what is looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
     towards = centres - centre
     towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    count = 1 + max(int(own.max()) for own in look.numbers)
-    found = np.zeros((len(centres), len(look.hypotheses), count + 1))
-    for k, (h, own) in enumerate(zip(look.hypotheses, look.numbers, strict=True)):
+    count = 1 + max(int(own.max()) for own in competing.numbers)
+    found = np.zeros((len(centres), len(competing.hypotheses), count + 1))
+    for k, (h, own) in enumerate(zip(competing.hypotheses, competing.numbers, strict=True)):
         turned = towards @ h.world_from_part[:3, :3]
         part_from_world = frames.inverse(h.world_from_part)
         others = [frames.apply(part_from_world, ring) for ring in beside]
         often = np.interp(turned @ h.solid.normals.T, COSINES, FOUND)
         alone, free = (visible_from(h.solid, turned, COSINES[0], some) for some in ((), others))
         found[:, k, own] = often * np.where(free, 1.0, np.where(alone, OF_COVERED, 0.0))
-    strange = [h.label == UNKNOWN for h in look.hypotheses]
-    found[:, strange, -1] = found[:, :, look.seen : count].max(axis=(1, 2), initial=0.0)[:, None]
+    strange = [h.label == UNKNOWN for h in competing.hypotheses]
+    found[:, strange, -1] = found[:, :, competing.seen : count].max(axis=(1, 2), initial=0.0)[:, None]
     return found
 
 
-def missed(look: HypothesisSet, shows: Array) -> HypothesisSet:
+def missed(competing: HypothesisSet, shows: Array) -> HypothesisSet:
     """Downweight hypotheses whose facets earlier looks should have shown, shows (V, H, C), but did not."""
-    speaks = np.prod(1 - shows[:, :, look.seen :], axis=(0, 2))
-    weights = look.chances * speaks
-    weights = weights / weights.sum() if weights.sum() > 0 else look.chances
-    weighed = [replace(h, probability=float(w)) for h, w in zip(look.hypotheses, weights, strict=True)]
-    return replace(look, hypotheses=tuple(weighed))
+    speaks = np.prod(1 - shows[:, :, competing.seen :], axis=(0, 2))
+    weights = competing.chances * speaks
+    weights = weights / weights.sum() if weights.sum() > 0 else competing.chances
+    weighed = [replace(h, probability=float(w)) for h, w in zip(competing.hypotheses, weights, strict=True)]
+    return replace(competing, hypotheses=tuple(weighed))
 
 
-def ranked(look: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
+def ranked(competing: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
     """Places, by their numbers, the one first that is expected to settle most bits a second. shows (V, H, C)."""
-    before, chances = look.entropy, look.chances
+    before, chances = competing.entropy, competing.chances
     gains = [Gain(v, max(before - expected_entropy(chances, one), 0.0), seconds[v]) for v, one in enumerate(shows)]
     return sorted(gains, key=lambda g: -g.bits / g.seconds)
 
@@ -290,7 +290,7 @@ def next_best(
     """Places the cameras may be brought to, centres (V, 3), in the order in which to try them: by what a look from
     there settles for its seconds; where none settles anything, the farthest from all looks before, centres_before (L,
     3), first. beside: polygons (N, 3) of other things. All world, mm."""
-    look = outlook(hypotheses, rig)
+    look = distinct_hypotheses(hypotheses, rig)
     look = missed(look, shown(look, centre, centres_before, beside))
     gains = ranked(look, shown(look, centre, centres, beside), seconds)
     if gains and max(g.bits for g in gains) >= LEAST_BITS:

@@ -101,12 +101,12 @@ class Goal:
     @cached_property
     def axis(self) -> Axis | None:
         """That about which any turn of the part will do; None where one must be kept."""
-        return axis_of_revolution(self.shape) if self.place.manner.equivalents else None
+        return axis_of_revolution(self.shape) if self.place.settings.equivalents else None
 
     @property
     def spot(self) -> PlaceSpot:
         """Where its status is kept of."""
-        return spot_of(self.place.manner, self.shape, self.poses[0])
+        return spot_of(self.place.settings, self.shape, self.poses[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ def goal_of(place: Place, shape: Polyhedron) -> Goal:
         pose = place.world_from_frame @ place.frame_from_part
     else:
         pose = place.world_from_frame @ _on_side(place, shape)
-    motions = turns_onto_themselves((shape,), ALIKE_MM)[0].motions if place.manner.equivalents else [np.eye(4)]
+    motions = turns_onto_themselves((shape,), ALIKE_MM)[0].motions if place.settings.equivalents else [np.eye(4)]
     heights = np.sort(frames.apply(pose, shape.corners_mm)[:, 2])
     if heights[min(2, len(heights) - 1)] - heights[0] > FLAT_MM:
         raise PartPlaceError(
@@ -165,13 +165,15 @@ def outline_of(points: Array) -> list[list[float]]:
     return outline
 
 
-def spot_of(manner: PlaceSettings, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
+def spot_of(place_settings: PlaceSettings, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
     """Where a part lies, as the status of a place keeps it."""
     corners = frames.apply(world_from_part, shape.corners_mm)
     middle = corners.mean(axis=0)
     reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())
     turn = world_from_part[:3, :3]
-    return PlaceSpot(manner.part, middle, turn, reach_mm, manner.tolerance_mm, manner.tolerance_deg)
+    return PlaceSpot(
+        place_settings.part, middle, turn, reach_mm, place_settings.tolerance_mm, place_settings.tolerance_deg
+    )
 
 
 def _on_side(place: Place, shape: Polyhedron) -> Array:
@@ -189,17 +191,17 @@ def set_down_of(
     goal: Goal, pose: Array, tool_from_part: Array, settings: Settings, mounting: CameraMounting
 ) -> SetDown:
     """How a part that is held like this gets to one of the poses of its goal."""
-    manner = goal.place.manner
-    at = paths.lifted(pose, manner.release_mm) @ frames.inverse(tool_from_part)
+    place_settings = goal.place.settings
+    at = paths.lifted(pose, place_settings.release_mm) @ frames.inverse(tool_from_part)
     look = mounting.look_pose(at[:3, :3], goal.centre, settings.verify_mm)
     return SetDown(
         goal,
         pose,
-        paths.lifted(at, manner.approach_mm),
+        paths.lifted(at, place_settings.approach_mm),
         at,
         paths.backed_off(at, settings.pregrasp_mm),
         look,
-        SupportContact(goal.level_mm, fixture_names(manner.fixture, settings)),
+        SupportContact(goal.level_mm, fixture_names(place_settings.fixture, settings)),
     )
 
 

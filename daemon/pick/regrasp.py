@@ -268,7 +268,7 @@ class Regrasping:
         """(G,) which grasps of the table may set the part down at a goal: the arm gets to one of its poses so."""
         found = np.zeros(len(self.table.grasps), bool)
         for goal in self._goals:
-            poses = np.stack([paths.lifted(pose, goal.place.manner.release_mm) for pose in goal.poses])
+            poses = np.stack([paths.lifted(pose, goal.place.settings.release_mm) for pose in goal.poses])
             tools = poses[:, None] @ self.table.part_from_tool
             found |= self._gets_to(tools.reshape(-1, 4, 4)).reshape(len(poses), -1).any(axis=0)
         return found
@@ -371,8 +371,10 @@ class Regrasping:
     def _way(self, pose: Array, tool_from_part: Array) -> SetDown:
         label = self.destination.goals[0].place.part
         table_z_mm = self.settings.limits.table_z_mm
-        manner = PlaceSettings(part=label, release_mm=RELEASE_MM, tolerance_mm=AS_LAID_MM, tolerance_deg=AS_LAID_DEG)
-        place = Place(TABLE, manner, np.eye(4), pose)
+        place_settings = PlaceSettings(
+            part=label, release_mm=RELEASE_MM, tolerance_mm=AS_LAID_MM, tolerance_deg=AS_LAID_DEG
+        )
+        place = Place(TABLE, place_settings, np.eye(4), pose)
         return set_down_of(
             Goal(place, self.shape, (pose,), table_z_mm), pose, tool_from_part, self.settings, self.mounting
         )

@@ -372,21 +372,21 @@ def judged(goal: Goal, seen: Look, empty: PlaceStatus) -> PlaceFinding:
 def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
     """What looks say together that found the part by its edges. Looks err most in height, and a part rests on its
     support: its height counts only where it is more than they may err."""
-    off, manner = deviation(goal, estimate.world_from_part), goal.place.manner
+    off, place_settings = deviation(goal, estimate.world_from_part), goal.place.settings
     variance = np.diag(estimate.covariance)
     any_turn = 0.0  # about the axis of a body of revolution: what no look can say, and no place asks for
     if goal.axis is not None:
         way = estimate.world_from_part[:3, :3] @ goal.axis.way
         any_turn = float(way @ estimate.covariance[3:, 3:] @ way)
     errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum() - any_turn)))
-    most_height_mm = max(manner.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))
-    most = f"{manner.tolerance_mm:g} mm and {manner.tolerance_deg:g} degrees"
+    most_height_mm = max(place_settings.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))
+    most = f"{place_settings.tolerance_mm:g} mm and {place_settings.tolerance_deg:g} degrees"
     if abs(off.height_mm) > most_height_mm:
         higher = "higher" if off.height_mm > 0 else "lower"
         why = f"{off}, {abs(off.height_mm):.1f} mm {higher} than it would rest"
         sure = abs(off.height_mm) > 2 * most_height_mm
         return PlaceFinding(PlaceStatus.OFF, off, why, sure, estimate.world_from_part)
-    spare_mm, spare_deg = manner.tolerance_mm - off.off_mm, manner.tolerance_deg - off.off_deg
+    spare_mm, spare_deg = place_settings.tolerance_mm - off.off_mm, place_settings.tolerance_deg - off.off_deg
     right = min(spare_mm, spare_deg) >= 0.0
     sure = min(spare_mm - errs_mm, spare_deg - errs_deg) > 0.0 or min(spare_mm + errs_mm, spare_deg + errs_deg) < 0.0
     why = f"{off}, {'within' if right else 'more than'} {most}"
@@ -423,8 +423,8 @@ def _note(context: PickContext, world: WorldModel, goal: Goal, found: PlaceFindi
         off_mm=off_mm,
         off_deg=off_deg,
         height_mm=height_mm,
-        tolerance_mm=place.manner.tolerance_mm,
-        tolerance_deg=place.manner.tolerance_deg,
+        tolerance_mm=place.settings.tolerance_mm,
+        tolerance_deg=place.settings.tolerance_deg,
         why=why,
         outline=goal.outline,
     )

@@ -155,7 +155,7 @@ class PlacesFile:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a part belongs, in the world. name: those of a pattern are `tray.1` and so on; manner: its entry in the
+    """Where a part belongs, in the world. name: those of a pattern are `tray.1` and so on; settings: its entry in the
     file; world_from_frame (4, 4) mm: of its fixture; on_top_of: the place in the layer below.
 
     frame_from_part (4, 4) mm, or None where side_down, point_mm and heading_deg say it: that needs the part's shape
@@ -163,7 +163,7 @@ class Place:
     """
 
     name: str
-    manner: PlaceSettings
+    settings: PlaceSettings
     world_from_frame: Array
     frame_from_part: Array | None = None
     side_down: int | None = None
@@ -173,7 +173,7 @@ class Place:
 
     @property
     def part(self) -> str:
-        return self.manner.part
+        return self.settings.part
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,13 +286,15 @@ def _check_names(document: Document, file: PlacesFile) -> None:
                 raise document.error(keys, "expected low_mm below high_mm along each axis")
 
 
-def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], manner: PlaceSettings) -> Array:
-    if manner.fixture is None:
+def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], place_settings: PlaceSettings) -> Array:
+    if place_settings.fixture is None:
         return np.eye(4)
-    if manner.fixture not in file.fixtures:
+    if place_settings.fixture not in file.fixtures:
         known = ", ".join(file.fixtures) or "none"
-        raise document.error((*keys, "fixture"), f"expected a fixture of this file ({known}), found {manner.fixture}")
-    return file.fixtures[manner.fixture].world_from_fixture
+        raise document.error(
+            (*keys, "fixture"), f"expected a fixture of this file ({known}), found {place_settings.fixture}"
+        )
+    return file.fixtures[place_settings.fixture].world_from_fixture
 
 
 def _rigid(document: Document, keys: tuple[Key, ...], rows: Matrix) -> Array:

@@ -21,7 +21,7 @@ from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
-from drivers.simcell.controller import Controller, ControllerQuirks, Faults, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
@@ -92,7 +92,7 @@ class SimulatedCell:
         truth_path: Path | str,
         seed: int = 0,
         time_scale: float = 1.0,
-        manners: ControllerQuirks | None = None,
+        manners: Manners | None = None,
         faults: Faults | None = None,
         cold: bool = False,
         loop: CellLoop | None = None,

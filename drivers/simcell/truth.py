@@ -13,7 +13,7 @@ from msgspec import Meta, structs
 
 from drivers.arrays import Array
 from drivers.puma560 import NEST_RAD, PUMA560, ArmGeometry
-from drivers.simcell.controller.manners import ControllerQuirks
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.optics import LensCamera
 from drivers.simcell.rigid import apply, inverse
 
@@ -66,7 +66,7 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flange_from_tool: the tool centre point, from the wrist centre (known to the controller); joint_offset_deg: true
     minus reported angle of each joint; repeatability_mm: standard deviation of a stop, per axis. lengths_mm: a2, a3,
     d3, d4; world_from_base, controller_flange: as in ArmGeometry; start_deg: the joints at power-up, in the angles of
-    our kinematics. manners: values of ControllerQuirks other than the default. baud: of its line. cold: powered up with
+    our kinematics. manners: values of Manners other than the default. baud: of its line. cold: powered up with
     the cell, else long before.
     """
 
@@ -84,7 +84,7 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         for name in ("flange_from_tool", "world_from_base", "controller_flange"):
             rigid_matrix(getattr(self, name), name)
-        unknown = self.manners.keys() - {field.name for field in fields(ControllerQuirks)}
+        unknown = self.manners.keys() - {field.name for field in fields(Manners)}
         if unknown:
             raise ValueError(f"manners: {', '.join(sorted(unknown))}: no such manner")
         self.controller_manners()
@@ -94,8 +94,8 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         frames = (self.world_from_base, self.flange_from_tool, self.controller_flange)
         return ArmGeometry(a2, a3, d3, d4, *(rigid_matrix(rows) for rows in frames))
 
-    def controller_manners(self) -> ControllerQuirks:
-        return msgspec.convert(self.manners, ControllerQuirks)
+    def controller_manners(self) -> Manners:
+        return msgspec.convert(self.manners, Manners)
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

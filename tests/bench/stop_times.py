@@ -19,7 +19,7 @@ from daemon.frontends.client import STOP_ANSWER_S
 from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
@@ -36,15 +36,15 @@ DRAWN = 30
 PERCENT = 30.0
 NEAR, FAR = Location(520.0, -250.0, -100.0, 0.0, 80.0, 0.0), Location(520.0, 250.0, -100.0, 0.0, 80.0, 0.0)
 LINES = {
-    "ABORT brakes": (ControllerQuirks(), Dialect()),
-    "ABORT brakes, no echo": (ControllerQuirks(echo=False), Dialect(echo=False)),
-    "prompt at the motion's end": (ControllerQuirks(prompt_after_move="end"), Dialect()),
-    "PANIC brakes (abort_word)": (ControllerQuirks(stops_at_once=False), Dialect(abort_word="PANIC")),
+    "ABORT brakes": (Manners(), Dialect()),
+    "ABORT brakes, no echo": (Manners(echo=False), Dialect(echo=False)),
+    "prompt at the motion's end": (Manners(prompt_after_move="end"), Dialect()),
+    "PANIC brakes (abort_word)": (Manners(stops_at_once=False), Dialect(abort_word="PANIC")),
 }
 """How a controller behaves, and what facetd is told of it."""
 
 
-async def stopped_after(manners: ControllerQuirks, dialect: Dialect, wait_s: float) -> tuple[float, float] | None:
+async def stopped_after(manners: Manners, dialect: Dialect, wait_s: float) -> tuple[float, float] | None:
     """Seconds from the stop to the moment the arm brakes, and to rest, confirmed; None where nothing moved yet, or any
     more."""
     loop = asyncio.get_running_loop()

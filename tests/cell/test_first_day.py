@@ -13,7 +13,7 @@ import yaml
 
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
-from drivers.simcell.controller import ControllerQuirks
+from drivers.simcell.controller import Manners
 from tests.fakes.first_day import (
     READY_DEG,
     ROOMS,
@@ -63,7 +63,7 @@ def test_a_smaller_and_a_larger_arm_pick_as_the_560_does(folder: Path, series: s
     hand = np.eye(4)
     hand[2, 3] = ROOMS[series].hand_mm
     arm = ArmGeometry(a2, a3, d3, d4, flange_from_tool=hand)
-    lay_down(folder, truth(arm, ControllerQuirks(), np.array(READY_DEG)), configuration(arm, 7, "arm.yaml"))
+    lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, 7, "arm.yaml"))
     (folder / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(arm)))
     day = commissioned(folder)
     assert not day.wrong, day.wrong

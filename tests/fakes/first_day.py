@@ -24,7 +24,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.cli.starting import daemon_in, wait_until_ready
 from drivers.puma560 import ArmGeometry
-from drivers.simcell.controller import ControllerQuirks
+from drivers.simcell.controller import Manners
 from drivers.val2.dialect import SLOWEST_BAUD
 from tests.fakes.person import Person
 from tests.fakes.strange_controllers import Strange, draw
@@ -74,9 +74,7 @@ def hand_of(room: Room, rng: np.random.Generator) -> Array:
     return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn])), np.round(shift, 1))
 
 
-def truth(
-    arm: ArmGeometry, manners: ControllerQuirks, start_deg: Array, baud: int = 9600, cold: bool = False
-) -> dict[str, Any]:
+def truth(arm: ArmGeometry, manners: Manners, start_deg: Array, baud: int = 9600, cold: bool = False) -> dict[str, Any]:
     """cell.yaml: that of etc/, with another arm, and the table, light, bin and body that suit it."""
     made: dict[str, Any] = yaml.safe_load((ETC / "simcell.yaml").read_text())
     room, base = room_of(arm), arm.world_from_base[:3, 3]
@@ -297,7 +295,7 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
         return f"{missing} missing: {seen[-1500:]}"
     assert "`facetctl arm replay transcript.jsonl`" in page
     arm = ArmGeometry()
-    lay_down(folder, truth(arm, ControllerQuirks(), np.array(READY_DEG)), configuration(arm, seed, "trial/arm.yaml"))
+    lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, seed, "trial/arm.yaml"))
     for words, wanted in (
         (("daemon.ctl", "arm", "replay", str(trial / "transcript.jsonl")), "byte for byte"),
         (("daemon.main", "--check", "--config", str(folder / "facetd.yaml")), "is good"),

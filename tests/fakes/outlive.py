@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import ControllerQuirks, Mishap
+from drivers.simcell.controller import Manners, Mishap
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
 from tests.fakes.daemon_process import write_own_calibration
@@ -59,7 +59,7 @@ class Beside(Sentry):
 
     def __init__(self, folder: Path, ways: Ways, seed: int = 9) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        manners = ControllerQuirks(line_editing=ways.cancels_lines, prompt_after_move=ways.prompt_after_move)  # type: ignore[arg-type]
+        manners = Manners(line_editing=ways.cancels_lines, prompt_after_move=ways.prompt_after_move)  # type: ignore[arg-type]
         self.cell = SimulatedCell(ETC / "simcell.yaml", seed, ways.time_scale, manners)
         self.at, self._enabled = ways.at, False
         self.cell.camera.open()

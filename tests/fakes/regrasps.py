@@ -74,8 +74,8 @@ def start_on(shape: Polyhedron, side: int, heading_deg: float = 10.0) -> Array:
 
 def goal_on(label: str, shape: Polyhedron, side: int) -> Goal:
     """A place where a part rests on that side, numbered from 0, and on no other that looks the same."""
-    manner = PlaceSettings(part=label, equivalents=False)
-    return goal_of(Place("nest", manner, np.eye(4), None, side + 1, AT, 20.0), shape)
+    place_settings = PlaceSettings(part=label, equivalents=False)
+    return goal_of(Place("nest", place_settings, np.eye(4), None, side + 1, AT, 20.0), shape)
 
 
 def pairs_by_brute_force(

@@ -19,7 +19,7 @@ from daemon.cell.identify import Person, identify
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import drawn
 from drivers.val2.contact_findings import Consult, ContactFindings
 from drivers.val2.dialect import Dialect
@@ -71,7 +71,7 @@ class Strange:
     """One drawn: how the controller speaks, what arm it has, at what speed its line runs."""
 
     seed: int
-    manners: ControllerQuirks
+    manners: Manners
     geometry: ArmGeometry
     joints_deg: Array
     cold: bool

@@ -61,7 +61,7 @@ from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import ControllerQuirks, Mishap
+from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
@@ -677,7 +677,7 @@ class Story:
         self.sockets = [SocketOperator(self, asks) for asks in (True, True, False)]
         self.frontends: list[SocketOperator | SerialOperator] = [*self.sockets, self.terminal]
         _write_files(self.folder, self.terminal)
-        manners = ControllerQuirks(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
+        manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
         self.cell.motion_monitor.no_faster_than(0.0, FASTEST)
         self.words, self._stamp_s = Words(self), 0.0

@@ -56,8 +56,8 @@ def _is_whole(circle: SeenCircle) -> bool:
 
 
 def _disc(circle: SeenCircle) -> tuple[Array, list[bool], list[Array]]:
-    """(N, 3) mm the corners of a ring, anticlockwise as seen; whether the side behind each is a chord; and points
-    (POINTS, 3) along each of its arcs."""
+    """Of a disc: (N, 3) mm the corners of the ring that bounds it, anticlockwise as seen; whether the side behind each
+    is a chord; and points (POINTS, 3) along each of its arcs."""
     x, y = axes_in(circle.normal)
     axes = np.stack([x, y if np.cross(x, y) @ circle.normal > 0 else -y])
     shares, out = chord_turns(circle.radius_mm, 2 * np.pi, closed=True)
@@ -69,7 +69,7 @@ def _disc(circle: SeenCircle) -> tuple[Array, list[bool], list[Array]]:
 
 
 def _ring(ring: FittedRing) -> tuple[Array, list[bool], list[Array]]:
-    """The same."""
+    """Corners, chords and points of a fitted ring, as of a disc."""
     corners, chord, points = list[Array](), list[bool](), list[Array]()
     arcs = zip(*ring.arcs, strict=True)
     for begin, end, radius in zip(*ring.ends, ring.radius_mm, strict=True):

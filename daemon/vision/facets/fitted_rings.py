@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Real
 from daemon.vision.facets.circles import FARTHEST_MM, NEAREST_MM
-from daemon.vision.geometry import Baseline, RectifiedCamera, axes_in, fit_circle, fit_plane, robust_weight
+from daemon.vision.geometry import Baseline, RectifiedCamera, axes_in, fit_circle, fit_plane, robust_weight, solve
 from daemon.vision.image import RoughPolygon, StereoImages, levels_across, peak_places, peaks, slopes_across
 
 ROW_PX, STRETCH = 5.0, 2.0
@@ -47,6 +47,9 @@ LEAST_AT_FIRST, PER_SIDE = 0.5, 0.03
 TILT, MOVE_MM, STEP = 1e-3, 0.02, 1e-3
 """By how much planes and sides are tilted, and what has a place moved, to see how edges move; and STEP, mm, along them
 to see which way they run."""
+HELD, MOST_ILL = 1e-9, 1e12
+"""Information that holds each number where the edges say nothing of it; and the condition number of what they say, at
+most."""
 _ROWS_PX = np.array([-1.5, 0.0, 1.5])
 
 
@@ -315,7 +318,7 @@ def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float
     for reach in REACHES_PX:
         if not now.is_sound():
             return now, 0.0
-        hessian, gradient, shown = 1e-9 * np.eye(size), np.zeros(size), list[Array]()
+        rows, misses, counts, shown = list[Array](), list[Array](), list[Array](), list[Array]()
         variants = [now, *(now.moved(step) for step in np.diag(steps))]
         at, on = now.places()
         points = np.concatenate([on, *(one.places()[0] for one in variants)])
@@ -331,12 +334,19 @@ def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float
             off = best - reach + peak_places(slopes, best)[1]
             there = edge.max(1) > 0
             shown.append(there & (np.abs(off) < max(ON_PX, reach - 3)))
-            weighed = (there * robust_weight(off**2 / EDGE_PX**2))[:, None] * moves
-            gradient += weighed.T @ off
-            hessian += weighed.T @ moves
-        if np.mean(shown) < LEAST_AT_FIRST or np.linalg.cond(hessian) > 1e12:
+            rows, misses = [*rows, moves], [*misses, off]
+            counts.append(there * robust_weight(off**2 / EDGE_PX**2))
+        blocks = (
+            np.concatenate(rows)[None, :, None],
+            np.concatenate(misses)[None, :, None],
+            np.concatenate(counts)[None],
+        )
+        if np.mean(shown) < LEAST_AT_FIRST:
             return now, 0.0
-        now = now.moved(np.linalg.solve(hessian, gradient))
+        fit = solve(*blocks, HELD * np.eye(size))
+        if np.linalg.cond(fit.held[0]) > MOST_ILL:
+            return now, 0.0
+        now = now.moved(fit.unknowns[0])
     on_sides, on_arcs = np.split(np.array(shown), [ON_SIDE * len(sketch.direction)], axis=1)
     each = [on_sides.reshape(2, -1, ON_SIDE).mean(2), on_arcs.reshape(2, -1, ON_ARCS).mean(2)]
     least, mean = min(one.min() for one in each), np.array(shown).mean(1).min()

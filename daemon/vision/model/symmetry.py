@@ -64,11 +64,11 @@ def facet_turns(solid: Polyhedron, facet: int) -> Array:
     own, found = rings[facet], list[Array]()
     longest = int(np.linalg.norm(np.roll(own, -1, 0) - own, axis=1).argmax())
     own = np.roll(own, -longest, 0)
-    axes = frames.rigid(_frames(*own[:3, None])[0], own[0])
+    own_from_solid = frames.inverse(_frame_at(own))
     for other, ring in enumerate(rings):
         for shift in range(len(own) if other != facet and len(ring) == len(own) else 0):
             there = np.roll(ring, -shift, 0)
-            motion = frames.rigid(_frames(*there[:3, None])[0], there[0]) @ frames.inverse(axes)
+            motion = _frame_at(there) @ own_from_solid
             if np.abs(frames.apply(motion, own) - there).max() < KEPT_MM:
                 found.append(motion)
     return np.reshape(found, (-1, 4, 4))
@@ -235,6 +235,11 @@ def _flags(shapes: Sequence[Polyhedron]) -> tuple[Index, Index, Index, Index, In
 def _frames(a: Array, b: Array, c: Array) -> Array:
     """(N, 3, 3) rotations whose columns point from a (N, 3) to b, from there towards c, and across both."""
     return basis((b - a) / np.linalg.norm(b - a, axis=1, keepdims=True), c - a)
+
+
+def _frame_at(ring: Array) -> Array:
+    """(4, 4) at the first of the corners (N, 3) of a ring, along its first side."""
+    return frames.rigid(_frames(*ring[:3, None])[0], ring[0])
 
 
 def _facets_onto_facets(onto: Index, whose: Index, here: Index, facet: Index, owner: Index) -> Flags:

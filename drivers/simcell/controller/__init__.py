@@ -4,5 +4,5 @@
 from drivers.simcell.controller.core import Controller
 from drivers.simcell.controller.faults import Faults, LineFault, Mishap
 from drivers.simcell.controller.machine import Machine
-from drivers.simcell.controller.manners import ControllerQuirks
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.server import PtyServer

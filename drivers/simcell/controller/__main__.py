@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller.core import Controller
-from drivers.simcell.controller.manners import ControllerQuirks, drawn
+from drivers.simcell.controller.manners import Manners, drawn
 from drivers.simcell.controller.server import PtyServer
 from drivers.simcell.truth import TruthError, load_truth
 
@@ -55,7 +55,7 @@ def _of_cell(options: argparse.Namespace) -> tuple[Controller, int]:
 
 
 def _alone(options: argparse.Namespace) -> Controller:
-    manners = ControllerQuirks(
+    manners = Manners(
         prompt_after_move=options.prompt_after_move,
         arm_power_after_s=PERSON_AT_THE_PANEL_S,
         line_ends=options.line_ends,

@@ -22,7 +22,7 @@ from drivers.simcell.controller.commands import Ask, Command, Wait, come_to_rest
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.machine import Machine
-from drivers.simcell.controller.manners import ControllerQuirks
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.terminal import ControllerTerminal, Line, LineKey
 from drivers.simcell.history import CONTROL_C
 
@@ -50,7 +50,7 @@ class Controller:
     def __init__(
         self,
         arm: SimulatedArm,
-        manners: ControllerQuirks | None = None,
+        manners: Manners | None = None,
         on_hand: Callable[[bool], None] | None = None,
         faults: Faults | None = None,
         cold: bool = False,

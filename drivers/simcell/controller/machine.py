@@ -13,7 +13,7 @@ from drivers.puma560 import Configuration, UnreachableError
 from drivers.simcell.arm import EMERGENCY_BRAKING, Motion, SimulatedArm, SingularWristError, standing
 from drivers.simcell.controller.expressions import Memory, MonitorError, location
 from drivers.simcell.controller.faults import Faults, Mishap
-from drivers.simcell.controller.manners import ControllerQuirks
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.history import GripperRecord, History, MotionRecord, StopRecord
 
 FULL_PERCENT = 100.0
@@ -27,13 +27,13 @@ class Machine:
     def __init__(
         self,
         arm: SimulatedArm,
-        manners: ControllerQuirks | None = None,
+        manners: Manners | None = None,
         on_hand: Callable[[bool], None] | None = None,
         faults: Faults | None = None,
         cold: bool = False,
     ) -> None:
         """on_hand: called with True when the gripper closes. cold: as after power-up."""
-        self.arm, self.manners, self.faults = arm, manners or ControllerQuirks(), faults or Faults()
+        self.arm, self.manners, self.faults = arm, manners or Manners(), faults or Faults()
         self.now_s = 0.0
         self.alive = True
         self.arm_power = self.calibrated = not cold

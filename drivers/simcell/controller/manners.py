@@ -41,7 +41,7 @@ POWER_UP = (
 
 
 @dataclass(frozen=True)
-class ControllerQuirks:
+class Manners:
     """Behaviour of a controller and the people near it; times in the controller's seconds."""
 
     echo: bool = True
@@ -105,7 +105,7 @@ class ControllerQuirks:
         return np.asarray(np.radians(turned + np.array(self.joint_zeros_deg)))
 
 
-def drawn(rng: np.random.Generator) -> ControllerQuirks:
+def drawn(rng: np.random.Generator) -> Manners:
     """A random variant."""
 
     def one(*choices: T) -> T:
@@ -119,7 +119,7 @@ def drawn(rng: np.random.Generator) -> ControllerQuirks:
     inches = bool(later.random() < 0.12)
     line_ends: LineEnds = one("cr", "cr", "both", "lf")
     where: WhereForm = one("two headers", "one header")
-    return ControllerQuirks(
+    return Manners(
         echo=one(True, True, True, False),
         line_editing=one(True, True, False),
         prompt_after_move=one("start", "end"),

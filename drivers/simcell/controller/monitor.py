@@ -22,7 +22,7 @@ from drivers.simcell.controller.commands import (
 from drivers.simcell.controller.expressions import SYNTAX_ERROR, MonitorError, numbers, point_name
 from drivers.simcell.controller.instructions import INSTRUCTIONS
 from drivers.simcell.controller.machine import Machine
-from drivers.simcell.controller.manners import ControllerQuirks
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.rigid import rigid, turn
 from drivers.val2.location import Location, location_from_matrix, matrix_from_location
 
@@ -42,17 +42,17 @@ def run(machine: Machine, text: str) -> Command:
         yield from carry_out(machine, line, MONITOR_COMMANDS)
 
 
-def is_abort(text: str, manners: ControllerQuirks) -> bool:
+def is_abort(text: str, manners: Manners) -> bool:
     """Whether a line is ABORT, abbreviated or not."""
     return _means(text, "ABORT", manners)
 
 
-def stops(text: str, manners: ControllerQuirks) -> bool:
+def stops(text: str, manners: Manners) -> bool:
     """Whether a line brakes the arm at once."""
     return _means(text, "ABORT" if manners.stops_at_once else "PANIC", manners)
 
 
-def _means(text: str, word: str, manners: ControllerQuirks) -> bool:
+def _means(text: str, word: str, manners: Manners) -> bool:
     typed = text.strip() if manners.upper_only else text.strip().upper()
     return typed == word or (manners.abbreviations and len(typed) >= 2 and word.startswith(typed))
 
@@ -111,7 +111,7 @@ def _place(machine: Machine) -> list[str]:
     return [_printed(line, manners) for line in lines]
 
 
-def _printed(line: str, manners: ControllerQuirks) -> str:
+def _printed(line: str, manners: Manners) -> str:
     """Apply the variant's number format; the columns stay."""
     if not manners.trailing_zeros:
         line = TRAILING_ZEROS.sub(lambda found: (found[1] or "") + " " * len(found[2]), line)

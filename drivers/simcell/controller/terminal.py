@@ -34,7 +34,7 @@ class ControllerTerminal:
         self, editing: bool = True, ends: Literal["cr", "lf", "both"] = "cr", newline: bytes = b"\r\n"
     ) -> None:
         """editing: whether control characters edit; otherwise they are part of the line. ends: see
-        ControllerQuirks.line_ends."""
+        Manners.line_ends."""
         self._editing, self._newline = editing, newline
         self._ends = {"cr": (CARRIAGE_RETURN,), "lf": (LINE_FEED,), "both": (CARRIAGE_RETURN, LINE_FEED)}[ends]
         self._before = 0

@@ -143,7 +143,7 @@ def _judged(
             mm, degrees = true_error(goal, parts[0])
             errors.append((mm, degrees))
             counted["truly right"] += (
-                mm <= goal.place.manner.tolerance_mm and degrees <= goal.place.manner.tolerance_deg
+                mm <= goal.place.settings.tolerance_mm and degrees <= goal.place.settings.tolerance_deg
             )
         found += [f"{name}: {text}" for text in _disagree(goal, parts, status)]
     return found

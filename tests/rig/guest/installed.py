@@ -20,6 +20,7 @@ import beside
 import yaml
 
 from daemon.frontends.client import DaemonLink
+from tests.fakes.daemon_process import write_own_calibration
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")
@@ -65,8 +66,7 @@ def install() -> None:
     run("groupadd", "--system", "facetd")
     run("useradd", "--system", "--gid", "facetd", "--home-dir", "/var/lib/facetd", "facetd")
     shutil.copytree(CHECKOUT / "etc", ETC, dirs_exist_ok=True)
-    calibration = ETC / "calibration.yaml"
-    calibration.write_text(calibration.read_text().replace("  simulated: true ", "  # simulated: true "))
+    write_own_calibration(ETC)
     STATE.mkdir(exist_ok=True)
     mounted = run("mount", "-t", "tmpfs", "-o", f"size={STATE_MB}m", "tmpfs", str(STATE))
     assert mounted.returncode == 0, mounted.stderr

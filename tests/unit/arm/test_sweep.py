@@ -496,7 +496,7 @@ def test_a_way_is_looked_at_in_as_many_places_as_are_the_most_and_in_no_more(mon
 def test_what_has_left_a_keep_out_may_not_come_back_even_less_deep(back, rules):
     bare = replace(FINGER, capsules=())
     body = body_of(bare.capsules, bare.body_mm)
-    assert [strike.rule for strike in sweep.strikes(OutAndBack(back), body, bare)] == rules
+    assert [violation.rule for violation in sweep.violations(OutAndBack(back), body, bare)] == rules
 
 
 def test_who_left_a_keep_out_may_not_come_back_on_the_same_way():
@@ -642,14 +642,14 @@ class Dip:
 
 
 @pytest.mark.parametrize("capsules", [(), (LOW,)])
-@pytest.mark.parametrize(("dip_mm", "strike"), [(10.4, False), (10.6, True), (15.0, True), (40.0, True)])
-def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, strike, capsules):
+@pytest.mark.parametrize(("dip_mm", "violation"), [(10.4, False), (10.6, True), (15.0, True), (40.0, True)])
+def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, violation, capsules):
     """Ten millimetres to spare at both ends, and half a millimetre of slack: beyond that it is looked at."""
     limits = Limits(body_mm=(), capsules=capsules)
     way = Dip(10.0, dip_mm, limits)
-    found = sweep.strikes(way, body_of(capsules, ()), limits)
-    assert (len(way.asked) > 2) is strike
-    assert ("below_table" in [each.rule for each in found]) is strike
+    found = sweep.violations(way, body_of(capsules, ()), limits)
+    assert (len(way.asked) > 2) is violation
+    assert ("below_table" in [each.rule for each in found]) is violation
 
 
 def test_what_is_not_proven_at_the_second_look_is_looked_at_again():
@@ -664,7 +664,7 @@ def test_what_is_not_proven_at_the_second_look_is_looked_at_again():
 
     for capsules in ((), (LOW,)):
         limits = Limits(body_mm=(), capsules=capsules)
-        found = sweep.strikes(Later(10.0, 12.0, limits), body_of(capsules, ()), limits)
+        found = sweep.violations(Later(10.0, 12.0, limits), body_of(capsules, ()), limits)
         assert "below_table" in [each.rule for each in found]
 
 
@@ -695,22 +695,22 @@ LEAST_MM = BARE.table_z_mm + BARE.clearance_mm
 
 
 def struck(way, limits=BARE):
-    return sweep.strikes(way, body_of((), ()), limits)
+    return sweep.violations(way, body_of((), ()), limits)
 
 
 def test_down_to_just_the_slack_is_proven_and_a_hair_lower_is_not():
     """Half a millimetre down and no more: neither the fall nor what could lie between is beyond what is allowed."""
     for fall_mm, rules in ((0.5, []), (0.5 + 2.0**-40, ["below_table"])):
         way = Along([0.0, 1.0], [0.0, 1.0], [(400.0, LEAST_MM), (400.0, LEAST_MM - fall_mm)], [0.0, 0.5])
-        assert [strike.rule for strike in struck(way)] == rules
+        assert [violation.rule for violation in struck(way)] == rules
 
 
 def test_an_arm_that_does_not_get_to_where_it_is_looked_at_more_closely_is_refused():
     """At both ends there is room enough: only between them the arm cannot follow."""
     ends = [(400.0, LEAST_MM + 1.0)] * 2
     assert struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 2.9])) == ()
-    (strike,) = struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 3.1], lost=True))
-    assert strike == PathViolation("no_way", "after 50 % of the way the arm cannot follow in its configuration")
+    (violation,) = struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 3.1], lost=True))
+    assert violation == PathViolation("no_way", "after 50 % of the way the arm cannot follow in its configuration")
 
 
 def test_what_is_inside_a_limit_is_held_against_the_least_depth_seen_as_long_as_anything_is_looked_at():
@@ -725,7 +725,7 @@ def test_what_is_inside_a_limit_is_held_against_the_least_depth_seen_as_long_as_
         [0.0, 0.475, 0.95, 1.3],
     )
     limits = replace(BARE, keep_out=(box,))
-    assert [strike.rule for strike in struck(way, limits)] == ["kept_out"]
+    assert [violation.rule for violation in struck(way, limits)] == ["kept_out"]
     assert struck(way) == (), "the table alone is no hindrance"
 
 
@@ -761,13 +761,15 @@ def test_a_strike_is_told_with_how_far_along_and_at_its_lowest_end():
     capsules = (Capsule("rod", "tool", (0.0, 10.0, -40.0), (0.0, -30.0, 0.0), 1.0),)
     body = body_of(capsules, ())
     places = [(400.0, LEAST_MM + 50.0), (410.0, LEAST_MM - 9.0)]
-    (strike,) = sweep.strikes(
+    (violation,) = sweep.violations(
         Along([0.0, 1.0], [0.0, 1.0], places, [0.0, 60.0]), body, replace(BARE, capsules=capsules)
     )
     low_mm = LEAST_MM - 9.0 - 40.0
-    assert strike.text == f"on the way (100 %) the rod, at 410 10 {low_mm:.0f}, comes 50.0 mm too near to the table"
+    assert violation.text == f"on the way (100 %) the rod, at 410 10 {low_mm:.0f}, comes 50.0 mm too near to the table"
     half = Along([0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [places[0], places[1], places[0]], [0.0, 60.0, 120.0])
-    assert sweep.strikes(half, body, replace(BARE, capsules=capsules))[0].text.startswith("on the way (50 %) the rod")
+    assert sweep.violations(half, body, replace(BARE, capsules=capsules))[0].text.startswith(
+        "on the way (50 %) the rod"
+    )
 
 
 def test_a_line_that_is_clear_at_the_first_look_is_followed_once(monkeypatch):
@@ -794,7 +796,7 @@ def test_along_a_limit_a_way_is_proven_in_so_many_stretches_as_it_takes_up_to_fi
     limits = replace(BARE, clearance_mm=0.4)
     at = [(400.0, BARE.table_z_mm + 0.4)] * 2
     way = Along([0.0, 1.0], [0.0, 1.0], at, [0.0, travel_mm])
-    assert [strike.rule for strike in struck(way, limits)] == rules
+    assert [violation.rule for violation in struck(way, limits)] == rules
 
 
 def test_five_hundred_places_are_not_too_many():
@@ -806,7 +808,7 @@ def test_five_hundred_places_are_not_too_many():
 def test_what_is_within_the_slack_is_not_told_where_something_else_strikes():
     box = KeepOut("box", (500.0, -400.0, -500.0), (900.0, 400.0, 100.0))
     way = Along([0.0, 1.0], [0.0, 1.0], [(400.0, LEAST_MM), (520.0, LEAST_MM - 0.5)], [0.0, 120.0])
-    assert [strike.rule for strike in struck(way, replace(BARE, keep_out=(box,)))] == ["kept_out"]
+    assert [violation.rule for violation in struck(way, replace(BARE, keep_out=(box,)))] == ["kept_out"]
 
 
 @pytest.mark.parametrize(("over_mm", "looked_at"), [(0.0, [[0, 1, 2], [0, 2]]), (-(2.0**-40), [[0, 1, 2], [0, 1, 2]])])
@@ -829,5 +831,5 @@ def test_what_is_proven_at_the_first_look_is_not_looked_at_again_and_what_lacks_
             super().__init__(12.0, 16.0, replace(limits, capsules=(LOW,)))
             self.parts = 3
 
-    assert sweep.strikes(Once(), body_of(limits.capsules, ()), limits) != ()
+    assert sweep.violations(Once(), body_of(limits.capsules, ()), limits) != ()
     assert asked[:2] == looked_at

@@ -22,7 +22,7 @@ from daemon.store.yamlfile import ConfigError
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import standing
-from drivers.simcell.controller import Controller, ControllerQuirks
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import MotionRecord
 from drivers.val2.contact_findings import CAREFUL_S, Consult, ContactFindings, UnclearError
@@ -484,7 +484,7 @@ def test_where_in_whole_numbers_ends_with_a_question_before_anything_is_moved() 
 def test_whole_angles_beside_lengths_that_are_not_are_zeros_left_out() -> None:
     """The ready place of many systems."""
     strange = draw(0)
-    manners = ControllerQuirks(decimals=(3, 3), trailing_zeros=False)
+    manners = Manners(decimals=(3, 3), trailing_zeros=False)
     strange = replace(strange, baud=9600, cold=False, manners=manners, geometry=ArmGeometry(), joints_deg=np.array(
         [0.0, 60.0, -150.0, 0.0, -40.0, 0.0]))  # fmt: skip
     known = in_simulated_time(lambda: meet(strange, no_to_moves)).known

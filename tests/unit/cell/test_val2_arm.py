@@ -17,7 +17,7 @@ from daemon.arm import Beliefs, StopRefusedError
 from daemon.cell.val2_arm import ENDED, NO_ZERO, Val2Arm
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks, Faults, Mishap, instructions
+from drivers.simcell.controller import Controller, Faults, Manners, Mishap, instructions
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
@@ -45,7 +45,7 @@ def runner() -> Iterator[asyncio.Runner]:
 def line(runner: asyncio.Runner) -> ArmLine:
     hand: list[bool] = []
     faults = Faults()
-    controller = Controller(SimulatedArm(joints_rad=BENT), ControllerQuirks(calibration_s=20.0), hand.append, faults)
+    controller = Controller(SimulatedArm(joints_rad=BENT), Manners(calibration_s=20.0), hand.append, faults)
     return line_in_time(controller, faults, hand, 10.0, runner.get_loop())
 
 
@@ -411,7 +411,7 @@ def test_a_question_found_on_opening_is_one_of_power_up_by_its_words_alone() -> 
     """A program that somebody left asking: the arm was said to be at rest, and `robot power-up` sent it on its way."""
 
     async def story(asks: tuple[str, ...]) -> tuple[bool, bool, list[str]]:
-        controller = Controller(SimulatedArm(joints_rad=BENT), ControllerQuirks(power_up=asks), cold=True)
+        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(power_up=asks), cold=True)
         line = MemoryLine(controller, asyncio.get_running_loop())
         arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         with contextlib.suppress(LinkError):
@@ -451,7 +451,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
 
 def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
     async def story() -> list[str]:
-        controller = Controller(SimulatedArm(joints_rad=BENT), ControllerQuirks(lost_within_s=0.005))
+        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(lost_within_s=0.005))
         line = MemoryLine(controller, asyncio.get_running_loop())
         slowly = Dialect(character_pause_s=0.01)
         arm = arm_of(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())

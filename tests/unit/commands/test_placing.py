@@ -171,8 +171,8 @@ def test_a_place_that_is_taught_again_keeps_its_manner(context: Any) -> None:
     assert say(context, "place teach nest cube", no).status == 1
     assert no.asked == ["There is a place nest. Replace its pose? [y/n]"]
     assert say(context, "place teach nest cube", FakeFrontend(answers=["y"])).status == 0
-    manner = context.cycle.placing.places.named("nest").manner
-    assert (manner.tolerance_mm, manner.approach_mm) == (0.4, 90.0)
+    place_settings = context.cycle.placing.places.named("nest").settings
+    assert (place_settings.tolerance_mm, place_settings.approach_mm) == (0.4, 90.0)
 
 
 def test_a_place_that_a_person_emptied_is_filled_again(context: Any) -> None:

@@ -19,6 +19,7 @@ import pytest
 from daemon.config import Config, load_config
 from daemon.maintenance import doctor
 from daemon.maintenance.doctor import CheckResult, examine, from_service, mend_of
+from tests.fakes.daemon_process import write_own_calibration
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 
@@ -63,7 +64,8 @@ def test_a_simulated_cell_as_installed_has_nothing_bad(tmp_path: Path) -> None:
 
 def test_what_is_bad_says_how_to_mend_it(tmp_path: Path) -> None:
     devices = "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none-arm}\n"
-    config = configured(tmp_path, devices, changed("  simulated: true ", "  # simulated: true "))
+    config = configured(tmp_path, devices)
+    write_own_calibration(tmp_path)
     bad = [finding for finding in examine(config, running=False) if finding.level == "bad"]
     assert {finding.what for finding in bad} == {"camera /dev/none0", "camera /dev/none1", "controller port"}
     assert all(finding.mend for finding in bad)

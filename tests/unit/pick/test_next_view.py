@@ -20,6 +20,7 @@ from daemon.pick.next_view import (
     UNLIKE,
     PartHypothesis,
     area_vector,
+    distinct_hypotheses,
     entropy,
     expected_entropy,
     freshest,
@@ -27,7 +28,6 @@ from daemon.pick.next_view import (
     in_words,
     missed,
     next_best,
-    outlook,
     places_round,
     ranked,
     shown,
@@ -109,11 +109,15 @@ def test_a_facet_that_only_one_of_two_shows_and_is_always_found_settles_all() ->
 def test_symmetric_poses_of_one_part_count_once_and_those_of_two_parts_do_not() -> None:
     half = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, np.pi])), np.zeros(3))
     both = hypothesis("block", block(), turned(0) @ half, 0.3, seen=(4,))
-    look = outlook([hypothesis("block", block(), turned(0), 0.3), both, stranger(block(), turned(0), 0.4)], rig())
+    look = distinct_hypotheses(
+        [hypothesis("block", block(), turned(0), 0.3), both, stranger(block(), turned(0), 0.4)], rig()
+    )
     assert [h.label for h in look.hypotheses] == [UNKNOWN, "block"]
     assert look.chances == pytest.approx([0.4, 0.6])
     other = hypothesis("another", block(), turned(0), 0.3)
-    assert len(outlook([hypothesis("block", block(), turned(0), 0.3), other, TWINS[2]], rig()).hypotheses) == 3
+    assert (
+        len(distinct_hypotheses([hypothesis("block", block(), turned(0), 0.3), other, TWINS[2]], rig()).hypotheses) == 3
+    )
 
 
 def test_facets_about_one_middle_are_one_only_where_their_corners_are() -> None:
@@ -122,7 +126,7 @@ def test_facets_about_one_middle_are_one_only_where_their_corners_are() -> None:
     towers = [exact(*drawn.prism(outline, 30)) for outline in (square, triangle)]
     lies = [(towers[0], 0.0), (towers[0], np.pi / 2), (towers[0], np.pi / 4), (towers[1], 0.0)]
     some = [hypothesis(str(k), tower, turned(angle), 0.2, seen=()) for k, (tower, angle) in enumerate(lies)]
-    look = outlook([*some, stranger(towers[0], turned(0), 0.2, seen=(0,))], rig())
+    look = distinct_hypotheses([*some, stranger(towers[0], turned(0), 0.2, seen=(0,))], rig())
     by_label = {h.label: (h, own) for h, own in zip(look.hypotheses, look.numbers, strict=True)}
     tops = [next(n for n, up in zip(own, h.solid.normals, strict=True) if up[2] > 0.9)
             for h, own in (by_label[str(k)] for k in range(4))]  # fmt: skip
@@ -143,20 +147,20 @@ def test_facets_are_one_as_far_apart_as_the_cameras_and_the_doubt_of_both_places
     apart = frames.rigid(np.eye(3), of_limit * limit_mm * np.array(way))
     lies = {"here": turned(0), "there": apart @ turned(0)}
     some = [PartHypothesis(name, block(), pose, covariance, (), 0.4) for name, pose in lies.items()]
-    look = outlook([*some, stranger(block(), turned(2.0), 0.2, seen=(0,))], rig())
+    look = distinct_hypotheses([*some, stranger(block(), turned(2.0), 0.2, seen=(0,))], rig())
     here, there = (own for h, own in zip(look.hypotheses, look.numbers, strict=True) if h.label != UNKNOWN)
     assert np.array_equal(here, there) is same
     assert set(here.tolist()).isdisjoint(there.tolist()) is not same
 
 
 def test_a_look_that_missed_what_all_would_surely_have_shown_speaks_against_none() -> None:
-    look = outlook(TWINS, rig())
+    look = distinct_hypotheses(TWINS, rig())
     count = 1 + max(int(own.max()) for own in look.numbers)
     assert missed(look, np.ones((1, len(look.hypotheses), count))).chances == pytest.approx(look.chances)
 
 
 def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
-    look = outlook(TWINS, rig())
+    look = distinct_hypotheses(TWINS, rig())
     cameras = np.array([camera(-90), camera(0), camera(135)])
     gains = {g.place: g.bits for g in ranked(look, shown(look, AT, cameras), [1.0] * 3)}
     assert gains[2] > 0.8
@@ -166,7 +170,7 @@ def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
 
 
 def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> None:
-    look = outlook(TWINS, rig())
+    look = distinct_hypotheses(TWINS, rig())
     cameras, wall = (
         np.array([camera(135)]),
         AT + np.array([[-80.0, 30, -60], [20, 130, -60], [20, 130, 200], [-80, 30, 200]]),
@@ -177,7 +181,7 @@ def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> 
 
 def test_only_something_not_taught_is_expected_to_show_what_nothing_taught_would() -> None:
     """Otherwise a look that finds a facet that nobody expected would speak for the wrong one of the two."""
-    look = outlook((hypothesis("block", block(), turned(0), 0.5), stranger(block(), turned(0), 0.5)), rig())
+    look = distinct_hypotheses((hypothesis("block", block(), turned(0), 0.5), stranger(block(), turned(0), 0.5)), rig())
     strange = [h.label for h in look.hypotheses].index(UNKNOWN)
     (aside,) = shown(look, AT, np.array([camera(135)]))[..., -1]
     assert aside[strange] > 0.5

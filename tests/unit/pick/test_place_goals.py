@@ -44,8 +44,10 @@ def everywhere(poses: Array) -> Flags:
 ANGLES = st.floats(-180.0, 180.0)
 
 
-def place(label: str = "cube", side: int = 1, heading_deg: float = 0.0, name: str = "nest", **manner: object) -> Place:
-    given = PlaceSettings(part=label, **manner)  # type: ignore[arg-type]
+def place(
+    label: str = "cube", side: int = 1, heading_deg: float = 0.0, name: str = "nest", **place_settings: object
+) -> Place:
+    given = PlaceSettings(part=label, **place_settings)  # type: ignore[arg-type]
     return Place(name, given, np.eye(4), None, side, (500.0, -100.0, -300.0), heading_deg)
 
 
@@ -193,8 +195,8 @@ def test_the_solid_of_a_fixture_is_named_for_it() -> None:
 
 def test_places_are_filled_in_order_and_a_layer_once_what_is_below_was_seen_right(tmp_path: Path) -> None:
     first = place(name="tray.1")
-    second = Place("tray.2", first.manner, np.eye(4), None, 1, (560.0, -100.0, -300.0))
-    above = Place("tray.3", first.manner, np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
+    second = Place("tray.2", first.settings, np.eye(4), None, 1, (560.0, -100.0, -300.0))
+    above = Place("tray.3", first.settings, np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
     table = PlaceTable(CellPlaces(places=(first, second, above)), PlaceStatuses(tmp_path))
     table.know({"cube": shape_of("cube")})
 

@@ -39,8 +39,8 @@ MEASURE = set_down.measure
 AT = (430.0, -220.0, -300.0)
 
 
-def nest(name: str = "nest", at: tuple[float, float, float] = AT, part: str = "cube", **manner: Any) -> Place:
-    return Place(name, PlaceSettings(part=part, **manner), np.eye(4), None, 1, at, 20.0)
+def nest(name: str = "nest", at: tuple[float, float, float] = AT, part: str = "cube", **place_settings: Any) -> Place:
+    return Place(name, PlaceSettings(part=part, **place_settings), np.eye(4), None, 1, at, 20.0)
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ import pytest
 from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Controller, ControllerQuirks
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
@@ -28,7 +28,7 @@ ABOVE_TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
 class Cell:
     """A controller, somebody who types at it, and the motion monitor. The arm may move; TOOL is set."""
 
-    def __init__(self, manners: ControllerQuirks | None = None, **safety: object) -> None:
+    def __init__(self, manners: Manners | None = None, **safety: object) -> None:
         geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = SimulatedArm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
@@ -108,9 +108,9 @@ def test_what_was_typed_while_nothing_might_move_and_moves_nothing_is_no_matter(
 
 
 @pytest.mark.parametrize("stop", ["ABORT", "abo", "\x03"])
-@pytest.mark.parametrize("manners", [ControllerQuirks(), ControllerQuirks(prompt_after_move="end")])
+@pytest.mark.parametrize("manners", [Manners(), Manners(prompt_after_move="end")])
 def test_a_motion_after_a_stop_is_found_unless_somebody_said_that_it_may_move_again(
-    stop: str, manners: ControllerQuirks
+    stop: str, manners: Manners
 ) -> None:
     cell = Cell(manners)
     cell.types("DO DRIVE 2,-40,20", 0.5)

@@ -7,13 +7,11 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks, Faults, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from tests.fakes.arm_line import ArmLine, MakesLine, line_in_time
 
 
-def controller_that(
-    manners: ControllerQuirks | None, cold: bool, joints_rad: Any
-) -> tuple[Controller, Faults, list[bool]]:
+def controller_that(manners: Manners | None, cold: bool, joints_rad: Any) -> tuple[Controller, Faults, list[bool]]:
     """A controller, its faults, and the commands that its gripper gets."""
     faults, hand = Faults(), list[bool]()
     return Controller(SimulatedArm(joints_rad=joints_rad), manners, hand.append, faults, cold), faults, hand
@@ -25,7 +23,7 @@ def arm_line() -> Iterator[MakesLine]:
     servers: list[PtyServer] = []
 
     def build(
-        manners: ControllerQuirks | None = None,
+        manners: Manners | None = None,
         cold: bool = False,
         time_scale: float = 20.0,
         joints_rad: Any = READY_RAD,
@@ -44,7 +42,7 @@ def timed_line() -> MakesLine:
     """The same on simulated time, for a coroutine that `lived` runs: nobody waits for it."""
 
     def build(
-        manners: ControllerQuirks | None = None,
+        manners: Manners | None = None,
         cold: bool = False,
         time_scale: float = 20.0,
         joints_rad: Any = READY_RAD,

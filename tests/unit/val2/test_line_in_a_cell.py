@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import READY_RAD, forward
-from drivers.simcell.controller import ControllerQuirks
+from drivers.simcell.controller import Manners
 from drivers.val2.contact_findings import ContactFindings, Heard, UnclearError
 from drivers.val2.conversation import _answer as answer
 from drivers.val2.conversation import _is_twice as is_twice
@@ -107,7 +107,7 @@ def echoing_before_a_slow_controller(path, dialect, on_bytes, on_lost):  # type:
 
 def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_does(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        link = Link(arm_line(ControllerQuirks(echo=False)).server.port, QUICK, open_port=echoing)
+        link = Link(arm_line(Manners(echo=False)).server.port, QUICK, open_port=echoing)
         await link.open()
         await link.speed(10)
         np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)

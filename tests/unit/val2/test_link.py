@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import READY_RAD, forward
-from drivers.simcell.controller import ControllerQuirks, LineFault, Mishap
+from drivers.simcell.controller import LineFault, Manners, Mishap
 from drivers.val2.link import (
     ControllerError,
     Dialect,
@@ -63,7 +63,7 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
     timed_line: MakesLine, prompt: Any, break_after_move: bool
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(prompt_after_move=prompt))
+        cell = timed_line(Manners(prompt_after_move=prompt))
         async with cell.link(quick(break_after_move=break_after_move)) as link:
             await link.speed(50)
             await link.move(GOAL)
@@ -155,7 +155,7 @@ def test_what_is_not_one_plain_line_is_never_typed(timed_line: MakesLine, text: 
 
 def test_power_up_is_asked_and_answered_before_anything_else(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(arm_power_after_s=1.0), cold=True)
+        cell = timed_line(Manners(arm_power_after_s=1.0), cold=True)
         async with cell.link() as link:
             assert link.question == "Load VAL-II from floppy (Y/N)?"
             with pytest.raises(ControllerError, match="floppy"):
@@ -276,7 +276,7 @@ def test_a_link_can_be_closed_and_opened_again(arm_line: MakesLine) -> None:
 
 
 def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(timed_line: MakesLine) -> None:
-    async def scene(manners: ControllerQuirks) -> None:
+    async def scene(manners: Manners) -> None:
         cell = timed_line(manners)
         with cell.server.controller() as controller:
             controller.receive(b"DO NEST", controller.now_s)
@@ -284,15 +284,15 @@ def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(timed_
             await asyncio.sleep(0.2)
             np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
 
-    lived(scene(ControllerQuirks()))
-    lived(scene(ControllerQuirks(line_editing=False)))
+    lived(scene(Manners()))
+    lived(scene(Manners(line_editing=False)))
 
 
 def test_a_rest_that_opening_left_in_the_line_spoils_no_command(timed_line: MakesLine) -> None:
     """A prompt that happened to be printed just then makes a controller look as if it had cancelled the line."""
 
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=False, prompt_after_move="end"))
+        cell = timed_line(Manners(line_editing=False, prompt_after_move="end"))
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,10,5\r", controller.now_s)
             assert 0.05 < (controller.arm.rests_s - controller.now_s) / 20 < 0.3
@@ -315,7 +315,7 @@ def test_an_arm_found_at_work_on_opening_is_stopped(
     """Whoever told it so was killed, and may have left the next line half typed."""
 
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
+        cell = timed_line(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,90,2\rDO NE", controller.now_s)
         async with cell.link(quick(break_after_move=break_after_move)) as link:
@@ -331,7 +331,7 @@ def test_an_arm_found_at_work_on_opening_is_stopped(
 
 def test_a_dead_controller_without_echo_is_told_as_one_once_it_did_not_answer_the_stop(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(echo=False))
+        cell = timed_line(Manners(echo=False))
         with cell.server.controller() as controller:
             controller.mishap(Mishap.DEAD)
             controller.output(float("inf"))
@@ -348,7 +348,7 @@ def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_op
     timed_line: MakesLine, line_editing: bool
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=line_editing))
+        cell = timed_line(Manners(line_editing=line_editing))
         with cell.server.controller() as controller:
             controller.machine.calibrated = False
             controller.receive(b"CAL\r", controller.now_s)
@@ -379,7 +379,7 @@ def test_an_abort_stops_the_arm_whoever_is_using_the_link(
     timed_line: MakesLine, prompt: Any, line_editing: bool
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
+        cell = timed_line(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
         async with cell.link() as link:
             await link.speed(10)
 
@@ -410,7 +410,7 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
     timed_line: MakesLine, after_ms: int
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=after_ms % 20 == 0), time_scale=4.0)
+        cell = timed_line(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
         async with cell.link() as link:
             moving = asyncio.create_task(link.move_straight(NEARBY))
             await asyncio.sleep(after_ms / 1000)
@@ -554,7 +554,7 @@ def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_a
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(timed_line: MakesLine, line_editing: bool) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=line_editing))
+        cell = timed_line(Manners(line_editing=line_editing))
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.line.append(LineFault("to_controller", "flip", after=15, count=100_000))
             with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then the controller gives no prompt"):
@@ -570,7 +570,7 @@ def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
     timed_line: MakesLine, line_editing: bool, seed: int
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(line_editing=line_editing), time_scale=50.0)
+        cell = timed_line(Manners(line_editing=line_editing), time_scale=50.0)
         async with cell.link(quick(resync_s=0.1, answer_s=0.5, typing_s=0.1, stall_s=0.1, motion_s=1.0)) as link:
             cell.faults.seed_noise(seed, rate=0.004)
             for goal in (GOAL, NEARBY) * 2:
@@ -679,7 +679,7 @@ def test_a_prompt_in_two_halves_is_waited_for(timed_line: MakesLine) -> None:
 
 def test_a_line_without_echo_is_served_by_its_setting(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(echo=False))
+        cell = timed_line(Manners(echo=False))
         async with cell.link(quick(echo=False)) as link:
             await link.move(GOAL)
             await link.rest(GOAL)
@@ -722,7 +722,7 @@ def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_m
     timed_line: MakesLine, what: Mishap, words: str, prompt: Any, share: float
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(prompt_after_move=prompt))
+        cell = timed_line(Manners(prompt_after_move=prompt))
         async with cell.link() as link:
             cell.faults.in_move.append((share, what))
             with pytest.raises(ControllerError, match=words):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.simcell.controller import ControllerQuirks, LineFault, Mishap
+from drivers.simcell.controller import LineFault, Manners, Mishap
 from drivers.simcell.history import MotionRecord
 from drivers.val2.link import Dialect, Link, LinkError
 from drivers.val2.location import Location
@@ -102,7 +102,7 @@ def test_whatever_happens_no_order_moves_twice_and_the_link_comes_back(
     timed_line: MakesLine, seed: int, prompt: Any
 ) -> None:
     async def scene() -> None:
-        cell = timed_line(ControllerQuirks(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
+        cell = timed_line(Manners(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
         async with cell.link(QUICK) as link:
             run = Scene(cell, link, seed)
             for _ in range(6):

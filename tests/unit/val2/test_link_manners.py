@@ -17,7 +17,7 @@ from daemon.frontends.client import STOP_ANSWER_S
 from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.errors import NoAnswer
@@ -122,7 +122,7 @@ def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_o
     stops."""
 
     async def story() -> None:
-        manners = ControllerQuirks(echo=echo, line_editing=False, prompt_after_move="end", line_ends=line_ends)
+        manners = Manners(echo=echo, line_editing=False, prompt_after_move="end", line_ends=line_ends)
         controller = Controller(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
         loop, end = asyncio.get_running_loop(), b"\n" if line_ends == "lf" else b"\r"
         line = PacedLine(controller, loop, 9600)

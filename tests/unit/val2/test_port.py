@@ -9,7 +9,7 @@ import tty
 
 import pytest
 
-from drivers.simcell.controller import ControllerQuirks
+from drivers.simcell.controller import Manners
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.port import SerialPort
@@ -132,7 +132,7 @@ def test_what_somebody_did_to_the_port_between_two_commands_is_reported_to_the_n
     arm_line: MakesLine,
 ) -> None:
     async def scene() -> None:
-        line = arm_line(ControllerQuirks())
+        line = arm_line(Manners())
         async with line.link() as link:
             stty_sane(line.server.port)
             assert await link.abort() is not None

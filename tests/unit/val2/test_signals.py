@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.simcell.controller import ControllerQuirks
+from drivers.simcell.controller import Manners
 from drivers.val2.commands import signals
 from drivers.val2.errors import LineHeldBack
 from drivers.val2.link import ControllerError
@@ -44,7 +44,7 @@ def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(timed_line:
 
 def test_a_controller_with_another_word_for_an_input_is_read_by_that(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        line = timed_line(ControllerQuirks(reads_inputs_by="TYPE"))
+        line = timed_line(Manners(reads_inputs_by="TYPE"))
         async with line.link(quick()) as link:
             line.server._controller.machine.inputs.add(1004)
             assert await link.ask_plainly("DO TYPE SIG(1004)") == ("-1",)

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks, LineFault, Mishap
+from drivers.simcell.controller import Controller, LineFault, Manners, Mishap
 from drivers.simcell.controller.commands import Ask, bare
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
@@ -37,7 +37,7 @@ def at_simulated_time(story: Coroutine[Any, Any, Any]) -> Any:
 async def under_way(dialect: Dialect | None = None, **manners: Any) -> tuple[Controller, MemoryLine, Link]:
     """An arm that is on a way of some 20 s, and a link that told it."""
     loop = asyncio.get_running_loop()
-    controller = Controller(SimulatedArm(joints_rad=READY_RAD), ControllerQuirks(**manners))
+    controller = Controller(SimulatedArm(joints_rad=READY_RAD), Manners(**manners))
     line = MemoryLine(controller, loop)
     link = Link(line.port, dialect, clock=loop.time, open_port=line.open)
     await link.open()

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.puma560 import NEST_RAD, READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, ControllerQuirks, Faults, LineFault, Mishap
+from drivers.simcell.controller import Controller, Faults, LineFault, Manners, Mishap
 from drivers.simcell.controller.machine import PENDANT
 from drivers.simcell.controller.manners import drawn
 from drivers.simcell.history import CONTROL_C, GripperRecord, MotionRecord, StopRecord
@@ -19,9 +19,7 @@ TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
 class Terminal:
     """Somebody at the controller's terminal, with all the time there is."""
 
-    def __init__(
-        self, manners: ControllerQuirks | None = None, faults: Faults | None = None, cold: bool = False
-    ) -> None:
+    def __init__(self, manners: Manners | None = None, faults: Faults | None = None, cold: bool = False) -> None:
         self.hand: list[bool] = []
         self.arm = SimulatedArm()
         self.controller = Controller(self.arm, manners, self.hand.append, faults, cold)
@@ -120,8 +118,8 @@ def test_an_error_is_a_message_between_asterisks_and_nothing_moves(terminal: Ter
 
 def test_a_move_s_prompt_comes_at_its_start_or_at_its_end_as_systems_differ() -> None:
     early, late = (
-        Terminal(ControllerQuirks(prompt_after_move="start")),
-        Terminal(ControllerQuirks(prompt_after_move="end")),
+        Terminal(Manners(prompt_after_move="start")),
+        Terminal(Manners(prompt_after_move="end")),
     )
     assert early.types(TABLE).endswith("\r\n.")
     assert late.types(TABLE).endswith(")\r\n")
@@ -301,7 +299,7 @@ def test_without_calibration_nothing_moves() -> None:
 
 
 def test_cal_asks_needs_arm_power_and_takes_its_time() -> None:
-    terminal = Terminal(ControllerQuirks(arm_power_after_s=2.0), cold=True)
+    terminal = Terminal(Manners(arm_power_after_s=2.0), cold=True)
     terminal.types("y\ry")
     assert terminal.types("cal").endswith("Are you sure (Y/N)? ")
     assert "*Arm power off*" in terminal.types("y")
@@ -331,11 +329,9 @@ def test_a_slow_person_at_the_pendant_delays_calibration() -> None:
 # Stopping
 
 
-@pytest.mark.parametrize(
-    "manners", [ControllerQuirks(prompt_after_move="start"), ControllerQuirks(prompt_after_move="end")]
-)
+@pytest.mark.parametrize("manners", [Manners(prompt_after_move="start"), Manners(prompt_after_move="end")])
 @pytest.mark.parametrize("stop", ["ABORT\r", "abo\r", "\x03"])
-def test_abort_and_control_c_stop_the_arm_in_mid_move(manners: ControllerQuirks, stop: str) -> None:
+def test_abort_and_control_c_stop_the_arm_in_mid_move(manners: Manners, stop: str) -> None:
     terminal = Terminal(manners)
     terminal.types("DO READY")
     terminal.waits(0.4)
@@ -350,7 +346,7 @@ def test_abort_and_control_c_stop_the_arm_in_mid_move(manners: ControllerQuirks,
 
 
 def test_abort_drops_what_was_typed_ahead() -> None:
-    terminal = Terminal(ControllerQuirks(prompt_after_move="end"))
+    terminal = Terminal(Manners(prompt_after_move="end"))
     terminal.types("DO READY\rDO NEST\rDO READY")
     terminal.waits(0.2)
     terminal.types("ABORT")
@@ -371,7 +367,7 @@ def test_abort_drops_what_was_typed_ahead() -> None:
 )
 @pytest.mark.parametrize("prompt", ["start", "end"])
 def test_a_mishap_in_mid_move_stops_the_arm_and_is_told(what: Mishap, message: str, prompt: str) -> None:
-    terminal = Terminal(ControllerQuirks(prompt_after_move=prompt), Faults(in_move=[(0.5, what)]))  # type: ignore[arg-type]
+    terminal = Terminal(Manners(prompt_after_move=prompt), Faults(in_move=[(0.5, what)]))  # type: ignore[arg-type]
     terminal.types("DO READY")
     said = terminal.waits(5.0)
     assert message in said
@@ -455,7 +451,7 @@ def test_random_bytes_neither_stop_it_nor_move_it() -> None:
 
 
 def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_dot() -> None:
-    controller = Controller(SimulatedArm(), ControllerQuirks(line_ends="both", echo=False, calibration_s=1.0))
+    controller = Controller(SimulatedArm(), Manners(line_ends="both", echo=False, calibration_s=1.0))
     controller.receive(b"cal\n\r", 0.0)
     assert controller.output(0.0).endswith(b"(Y/N)? ")
     controller.receive(b"y\n\r", 0.1)
@@ -516,7 +512,7 @@ def test_a_line_is_whose_end_it_has_whatever_noise_or_half_a_line_before_it_made
 
 
 def test_what_was_typed_ahead_by_another_is_theirs_when_its_turn_comes_and_so_is_their_stop() -> None:
-    terminal = Terminal(ControllerQuirks(prompt_after_move="end"))
+    terminal = Terminal(Manners(prompt_after_move="end"))
     controller = terminal.controller
     controller.receive(b"DO DRIVE 1,5,50\r", 0.0)
     controller.receive(b"DO CLOSEI\r", 0.0, theirs=True)

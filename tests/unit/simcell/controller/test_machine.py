@@ -6,7 +6,7 @@ import pytest
 
 from drivers.puma560 import NEST_RAD, READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import ControllerQuirks, Faults, Machine, Mishap
+from drivers.simcell.controller import Faults, Machine, Manners, Mishap
 from drivers.simcell.controller.expressions import MonitorError
 
 
@@ -41,7 +41,7 @@ def test_a_dead_machine_stays_dead_until_the_mains_go_off_and_on() -> None:
 
 
 def test_somebody_comes_to_switch_arm_power_on_where_it_was_missed() -> None:
-    machine = Machine(SimulatedArm(), ControllerQuirks(arm_power_after_s=2.0), cold=True)
+    machine = Machine(SimulatedArm(), Manners(arm_power_after_s=2.0), cold=True)
     machine.miss_arm_power()
     machine.advance(1.9)
     assert not machine.arm_power

@@ -65,7 +65,7 @@ def model() -> Model:
 
 
 def cube_on_a_patterned_table(taught: Model) -> tuple[Scene, Part]:
-    scene = look(*print_pair(CUBE, LIES, table=FROM_TABLE, speckled=True), straight_rig(), taught)
+    scene = look(*print_pair(CUBE, LIES, 1, table=FROM_TABLE, speckled=True), straight_rig(), taught)
     (part,) = (one for one in scene.parts if one.named)
     return scene, part
 
@@ -83,7 +83,7 @@ def test_a_look_lays_what_it_names_on_the_table_it_sees(monkeypatch: pytest.Monk
     _, laid = cube_on_a_patterned_table(taught)
     monkeypatch.setattr(resting_poses, "snapped_pose", lambda *_: None)
     _, as_seen = cube_on_a_patterned_table(taught)
-    assert too_high_mm(laid) < 0.8 * too_high_mm(as_seen)
+    assert too_high_mm(laid) < 0.7 * too_high_mm(as_seen)
     turn = laid.cyclopean_from_part @ frames.inverse(as_seen.cyclopean_from_part)
     for before, after in zip(as_seen.fitted_mm, laid.fitted_mm, strict=True):
         np.testing.assert_allclose(after, frames.apply(turn, before), atol=1e-9)
