@@ -24,6 +24,10 @@ from daemon.vision.geometry import Camera, StereoRig
 Rows = Sequence[Sequence[float]]
 
 
+SIMULATED = "simulated"
+"""Method of a calibration that was made for the simulated cell, as it is installed."""
+
+
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
     """Quality of a calibration when it was made: rms px, rms mm and degrees; when and how it was made.
 
@@ -51,7 +55,7 @@ class Calibration:
 
     flange_from_tool: (4, 4) mm, of the tool that tool_from_cyclopean is from; None: the file does not say it.
     alone: the only camera in use; the rig's other camera is then the same one at the second place of a usual moved
-    pair. simulated: the hand-eye is the simulated cell's, as the file is installed.
+    pair.
     """
 
     rig: StereoRig
@@ -60,7 +64,6 @@ class Calibration:
     alone: CameraName | None = None
     world_from_cyclopean: Array | None = None
     flange_from_tool: Array | None = None
-    simulated: bool = False
 
     @property
     def fixed(self) -> bool:
@@ -130,7 +133,6 @@ class _HandEye(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     tool_from_cyclopean: list[list[float]] | None = None
     world_from_cyclopean: list[list[float]] | None = None
     flange_from_tool: list[list[float]] | None = None
-    simulated: bool = False
 
 
 class _CalibrationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -168,8 +170,7 @@ def _checked(document: Document) -> Calibration:
     if file.hand_eye is not None and (on_tool is None) == (in_world is None):
         problem = f"expected tool_from_cyclopean (cameras on the hand) or {IN_WORLD} (fixed cameras), one of them"
         raise document.error(("hand_eye",), problem)
-    simulated = file.hand_eye is not None and file.hand_eye.simulated
-    return Calibration(rig, on_tool, file.quality, "left" if file.right is None else None, in_world, tool, simulated)
+    return Calibration(rig, on_tool, file.quality, "left" if file.right is None else None, in_world, tool)
 
 
 IN_WORLD = "world_from_cyclopean"

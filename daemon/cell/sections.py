@@ -26,7 +26,7 @@ from daemon.arm import (
 )
 from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
-from daemon.calibration.file import Calibration, load_calibration, rigid
+from daemon.calibration.file import SIMULATED, Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.cell.backends import backend_of
 from daemon.cell.puma_arm import PumaArm
@@ -297,10 +297,11 @@ def calibration_in_use(config: Config) -> Calibration:
     """The calibration in use, its hand-eye pose from the mounted gripper's tool centre point: cameras on the hand stay
     where they are as grippers change. Raises ConfigError."""
     calibration = load_calibration(config.calibration)
-    if calibration.simulated and config.kind not in ("simulated", "recorded"):
+    if calibration.quality.method == SIMULATED and config.kind not in ("simulated", "recorded"):
         raise ConfigError(
             f"{config.calibration}: hand_eye is the simulated cell's: enter where your cameras are, measured by ruler, "
-            "and delete its line `simulated`; or delete hand_eye: then the arm does no more than `robot cal`"
+            "then delete the line `quality` (FIRST-DAY.md, Two files, step 6); or delete both: then the arm moves only "
+            "by `robot cal` and `robot monitor`"
         )
     made_with = calibration.flange_from_tool
     made_with = np.array(config.calibrated_tool if made_with is None else made_with)

@@ -26,9 +26,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[2:]])"""
 def write_own_calibration(folder: Path) -> None:
     """The calibration of etc/ as that of a real cell, which the simulated one's hand-eye is not."""
     text = (ETC / "calibration.yaml").read_text(encoding="utf-8")
-    (folder / "calibration.yaml").write_text(
-        text.replace("  simulated: true ", "  # simulated: true "), encoding="utf-8"
-    )
+    (folder / "calibration.yaml").write_text(text.replace("method: simulated, ", ""), encoding="utf-8")
 
 
 class Daemon:

@@ -241,7 +241,7 @@ class LightDaemon:
 def _small_calibration() -> str:
     """The calibration of etc/, for the small images."""
     cameras = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
-    del cameras["hand_eye"]["simulated"]
+    del cameras["quality"]["method"]
     cameras["image_size"] = [n // SMALL for n in cameras["image_size"]]
     for camera in (cameras["left"], cameras["right"]):
         matrix = np.array(camera["camera_matrix"]) / SMALL
