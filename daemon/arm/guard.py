@@ -12,6 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm.body import PERHAPS_HELD, ArmBody, Capsule, KeepOut, Point, above_mm, body_of
 from daemon.arm.collision_shapes import ARM, BODY_MM
+from daemon.arm.permit import Refusal
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
@@ -82,34 +83,17 @@ class PathViolation:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The state that the rules are checked against. enabled: by an operator; fault: the active one or None; at: the
-    arm's last reported position, None: unknown; now_s: on the clock that stamps looks; violations: the rules that the
-    path from there to the command's target breaks (sweep.py)."""
+    """The state that the rules are checked against. not_permitted: why nothing may move now (MotionPermit.refusal), or
+    None; at: the arm's last reported position, None: unknown; now_s: on the clock that stamps looks; violations: the
+    rules that the path from there to the command's target breaks (sweep.py)."""
 
-    enabled: bool
-    fault: str | None
+    not_permitted: Refusal | None
     at: Array | None
     now_s: float
     violations: tuple[PathViolation, ...] = ()
 
 
-@dataclass(frozen=True)
-class Refusal:
-    """The broken rule's name and a line for people."""
-
-    rule: str
-    text: str
-
-
 Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
-
-
-def _fault_active(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
-    return f"a fault is active ({state.fault}): `resume` first" if state.fault is not None else None
-
-
-def _not_enabled(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
-    return None if state.enabled else "the arm is not enabled: type `enable`"
 
 
 def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None:
@@ -190,10 +174,10 @@ def _stale_look(command: MoveCommand, state: ArmState, limits: Limits) -> str | 
 
 
 # The order matters: a refusal names the first broken rule, and later rules may rely on earlier ones.
-# None: a rule for paths only, which sweep.py checks.
+# None: a rule that others check: permit.py whether anything may move, sweep.py the path.
 RULES: tuple[tuple[str, Rule | None], ...] = (
-    ("fault_active", _fault_active),
-    ("not_enabled", _not_enabled),
+    ("fault_active", None),
+    ("not_enabled", None),
     ("not_a_location", _not_a_location),
     ("arm_lost", _arm_lost),
     ("outside_workspace", _outside_workspace),
@@ -210,9 +194,10 @@ RULES: tuple[tuple[str, Rule | None], ...] = (
 
 def refuse(command: MoveCommand, state: ArmState, limits: Limits) -> Refusal | None:
     """Return the first rule that the command breaks, or None where it may be sent."""
+    not_permitted = () if state.not_permitted is None else (state.not_permitted,)
+    found = {broken.rule: broken.text for broken in (*reversed(state.violations), *not_permitted)}
     for name, rule in RULES:
-        text = None if rule is None else rule(command, state, limits)
-        text = text or next((violation.text for violation in state.violations if violation.rule == name), None)
+        text = (None if rule is None else rule(command, state, limits)) or found.get(name)
         if text is not None:
             return Refusal(name, text)
     return None

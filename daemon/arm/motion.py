@@ -15,8 +15,8 @@ import numpy as np
 from daemon import frames
 from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import PERHAPS_HELD, CarriedCapsule
-from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
-from daemon.arm.permit import MotionPermit
+from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand_above_mm
+from daemon.arm.permit import MotionPermit, Refusal
 from daemon.arm.robot import HeldBackError, Kinematics
 from daemon.arm.route import OUT_MM, PathSegment, plan_path
 from daemon.arm.sweep import path_refusal, places_clear
@@ -214,7 +214,7 @@ class Mover:
     def arm_state(self) -> ArmState:
         """The arm's present state, for the guard."""
         at = None if self.here is None else self.here.world_from_tool
-        return ArmState(self.permit.enabled, self.permit.blocked_by, at, self.cell.clock())
+        return ArmState(self.permit.refusal(), at, self.cell.clock())
 
     async def rest(self) -> Reading:
         """Read from the controller where the arm is at rest, and store it. Raises where the arm keeps moving."""
@@ -453,10 +453,9 @@ class Mover:
             )
 
     def _check_gripper_permitted(self) -> None:
-        blocked_by = self.permit.blocked_by
-        if blocked_by is not None or not self.permit.enabled:
-            name = "fault_active" if blocked_by is not None else "not_enabled"
-            raise self._refused(Refusal(name, f"the gripper does not move: {blocked_by or 'the arm is not enabled'}"))
+        refusal = self.permit.refusal()
+        if refusal is not None:
+            raise self._refused(refusal)
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Log a refusal and return its error."""

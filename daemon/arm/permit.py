@@ -5,7 +5,16 @@ works. The mover checks the permit before it plans a move and before it sends it
 last byte of a motion command leaves (drivers/val2/conversation.py).
 """
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a motion is refused: the broken rule's name and a line for people."""
+
+    rule: str
+    text: str
 
 
 class Grant(StrEnum):
@@ -63,9 +72,23 @@ class MotionPermit:
         return self._stops > 0
 
     @property
-    def blocked_by(self) -> str | None:
-        """Why nothing may move: the active fault, or the stop that is under way. None: neither."""
-        return self.fault or (f"being stopped ({self.why})" if self.stopping else None)
+    def blocked(self) -> bool:
+        """Whether nothing may move, whatever was granted: a fault is active, or a stop is under way."""
+        return self.fault is not None or self.stopping
+
+    def refusal(self, typed: bool = False) -> Refusal | None:
+        """Why arm and gripper may not move now; None: they may. typed: whether an operator types the motion to the
+        controller; otherwise facetd commands it, and the guard checks it."""
+        if self.fault is not None:
+            return Refusal("fault_active", f"a fault is active ({self.fault}): `resume` first")
+        if self.stopping:
+            return Refusal("fault_active", f"the arm is being stopped ({self.why}): try again when it is at rest")
+        if self.enabled or (typed and self.by_hand_only):
+            return None
+        if self.by_hand_only:
+            only = "the arm is enabled for `robot` only: calibrate hand-eye first (calibration.yaml has no hand_eye)"
+            return Refusal("not_enabled", only)
+        return Refusal("not_enabled", "the arm is not enabled: `enable` first")
 
     @property
     def held(self) -> bool:
@@ -76,7 +99,7 @@ class MotionPermit:
     def withheld(self) -> bool:
         """Whether a released move must not be sent after all; the line checks this before its last byte leaves. On a
         bad line sending takes seconds: an operator who pauses in that time means this move."""
-        return self.held or self.blocked_by is not None or not (self.enabled or self.by_hand_only)
+        return self.held or self.refusal(typed=True) is not None
 
     def grant(self, what: Grant) -> None:
         """Permit motion from now on, with the present verification of the stop."""

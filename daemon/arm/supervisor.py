@@ -192,30 +192,14 @@ class Supervisor:
         self.refuse_during_job("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
-    def may_move(self) -> None:
-        """Check that the arm may move. Raises RefusedError with what to do."""
-        self._check_no_fault_or_stop()
-        if self.by_hand_only:
-            raise RefusedError(
-                "the arm is enabled for `robot` only: calibrate hand-eye first (calibration.yaml has no hand_eye)"
-            )
-        if not self.enabled:
-            raise RefusedError("the arm is not enabled: `enable` first")
-
-    def may_move_by_hand(self) -> None:
-        """Check that a motion that an operator types to the controller is permitted. Raises RefusedError with what to
-        do."""
-        self._check_no_fault_or_stop()
-        if not (self.enabled or self.by_hand_only):
-            raise RefusedError("the arm is not enabled: `enable` first")
-        if self.mover.dry:
+    def refuse_unless_permitted(self, typed: bool = False) -> None:
+        """Refuse a motion that is not permitted now. typed: whether an operator types it to the controller. Raises
+        RefusedError with what to do."""
+        refusal = self.permit.refusal(typed)
+        if refusal is not None:
+            raise RefusedError(refusal.text)
+        if typed and self.mover.dry:
             raise RefusedError("nothing moves while `dry` is on: type `dry off` first")
-
-    def _check_no_fault_or_stop(self) -> None:
-        if self.fault is not None:
-            raise RefusedError(f"clear the fault first, `resume`: {self.fault}")
-        if self.stopping:
-            raise RefusedError(f"the arm is {self.permit.blocked_by}; try again when it is at rest")
 
     # Jobs and stops.
 
@@ -257,13 +241,13 @@ class Supervisor:
 
         async def held() -> T:
             await self.hold.wait(doing, ask=ask)
-            self.may_move_by_hand()
+            self.refuse_unless_permitted(typed=True)
             try:
                 return await work()
             except HeldBackError:
                 return await held()
 
-        self.may_move_by_hand()
+        self.refuse_unless_permitted(typed=True)
         return await self.converse(doing, held, moves=True)
 
     async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
@@ -423,7 +407,7 @@ class Supervisor:
 
     def _may_begin(self, moves: bool) -> None:
         if self._task is not None or (moves and self.stopping):
-            raise RefusedError(f"busy: {self._doing or self.permit.blocked_by}")
+            raise RefusedError(f"busy: {self._doing or f'being stopped ({self.permit.why})'}")
         word, stops = OPERATOR_COMMAND.get() or ("", None)
         if moves:
             self.refuse_if_stopped_since(stops, word)

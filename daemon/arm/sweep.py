@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
-from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, Refusal, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
+from daemon.arm.permit import Refusal
 from daemon.arm.robot import Kinematics
 from daemon.arrays import Array, Flags
 

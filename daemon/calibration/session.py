@@ -106,7 +106,7 @@ async def _tour(
     session: CalibrationSession, count: int, say: Say, speed_pct: float, mounting_alone: bool
 ) -> list[BoardView]:
     mover = session.supervisor.mover
-    session.supervisor.may_move()
+    session.supervisor.refuse_unless_permitted()
     if mover.dry:
         raise RefusedError(
             "`dry` is on, so the arm does not move, and one pose is not enough to calibrate: type `dry off`"

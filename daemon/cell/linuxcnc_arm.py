@@ -266,7 +266,7 @@ class LinuxcncArm:
     def _may_go_on(self, stops: int, begun: bool) -> None:
         """Called before a block is sent. Raises HeldBackError before the first, CellError before a later one of a move
         that was stopped."""
-        if self._stops != stops or self.permit.blocked_by is not None:
+        if self._stops != stops or self.permit.blocked:
             raise CellError("the move was stopped")
         if not begun and self.permit.withheld:
             raise HeldBackError("held back before it was sent")

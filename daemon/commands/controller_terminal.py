@@ -266,7 +266,7 @@ class Typist:
         """The reason why a line that may move the arm may not be sent now, or None."""
         supervisor = self._context.cycle.supervisor
         try:
-            supervisor.may_move_by_hand()
+            supervisor.refuse_unless_permitted(typed=True)
         except FacetdError as refused:
             return f"the arm may not move now: {refused}"
         return "motion is paused: `resume`" if supervisor.hold.paused else None

@@ -111,7 +111,7 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     if len(words) > at + 1:
         count = number(words[at + 1], "PLACES", LEAST_PLACES, MOST_PLACES)
     label = await _label(context, words[:at], frontend)
-    context.cycle.supervisor.may_move()
+    context.cycle.supervisor.refuse_unless_permitted()
     hand = context.hardware.operator
     if hand is not None:
         await frontend.say(simulated_parts.lay(context, label))

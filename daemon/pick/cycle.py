@@ -263,7 +263,7 @@ class PickCycle:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
         NoSinglePartError, RefusedError (see look_around)."""
         self._must_move_the_cameras("teach --around")
-        self.supervisor.may_move()
+        self.supervisor.refuse_unless_permitted()
         self._must_know_the_hand()
         self._must_be_empty()
         context = self._context(recogniser)
@@ -339,7 +339,7 @@ class PickCycle:
     # Inside.
 
     def _may_pick(self) -> None:
-        self.supervisor.may_move()
+        self.supervisor.refuse_unless_permitted()
         self._must_know_the_hand()
         if self.recogniser is None or not self.recogniser.labels:
             raise RefusedError("there is no model: teach and train first")

@@ -64,7 +64,7 @@ class Travel:
     @property
     def standing(self) -> ArmState:
         """The arm's state: enabled, no fault, at the start."""
-        return ArmState(True, None, self.start.world_from_tool, 0.0)
+        return ArmState(None, self.start.world_from_tool, 0.0)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _place(rng: np.random.Generator, limits: Limits, near: Reading | None = None
         if near is not None:
             point[:2] = near.world_from_tool[:2, 3] + rng.uniform(-300.0, 300.0, 2)
         pose = frames.rigid(_hand(rng), point)
-        if refuse(MoveCommand(pose, True, 1.0, ""), ArmState(True, None, pose, 0.0), limits) is not None:
+        if refuse(MoveCommand(pose, True, 1.0, ""), ArmState(None, pose, 0.0), limits) is not None:
             continue
         if near is not None:
             joints = _reachable(pose, near.joints_rad)

@@ -45,7 +45,7 @@ def lowered(limits: Limits, start_mm: float, end_mm: float, contact: SupportCont
         for c in limits.capsules
     )
     command = MoveCommand(pose(end_mm), True, 10.0, "down", contact=contact)
-    standing = ArmState(True, None, start, 0.0)
+    standing = ArmState(None, start, 0.0)
     refusal = path_refusal(command, standing, reading, ROBOT, replace(limits, capsules=capsules))
     return None if refusal is None else refusal.rule
 

@@ -16,7 +16,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
-from daemon.arm.permit import Grant
+from daemon.arm.permit import Grant, Refusal
 from daemon.config import load_config
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
@@ -28,7 +28,7 @@ POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
 LIMITS = Limits(keep_out=(POST,), room_low_mm=(-2000.0, -400.0, -2000.0))
 AT = HEAD_DOWN
 DOWN = np.diag([1.0, -1.0, -1.0])
-STANDING = ArmState(enabled=True, fault=None, at=AT, now_s=100.0)
+STANDING = ArmState(not_permitted=None, at=AT, now_s=100.0)
 
 
 def moved(x=0.0, y=0.0, z=0.0, turn=0.0):
@@ -40,17 +40,17 @@ def command(pose=None, speed=50.0, look=99.0):
 
 
 def met(rule):
-    return ArmState(True, None, AT, 100.0, (PathViolation(rule, "on the way"),))
+    return ArmState(None, AT, 100.0, (PathViolation(rule, "on the way"),))
 
 
 BROKEN = [
-    ("fault_active", command(), ArmState(True, "stopped", AT, 100.0)),
-    ("not_enabled", command(), ArmState(False, None, AT, 100.0)),
+    ("fault_active", command(), ArmState(Refusal("fault_active", "stopped"), AT, 100.0)),
+    ("not_enabled", command(), ArmState(Refusal("not_enabled", "disabled"), AT, 100.0)),
     ("not_a_location", command(np.full((4, 4), np.nan)), STANDING),
     ("not_a_location", command(np.diag([1.0, 1.0, -1.0, 1.0])), STANDING),
     ("not_a_location", command(np.eye(3)), STANDING),
     ("not_a_location", command(frames.rigid(1.00001 * AT[:3, :3], AT[:3, 3])), STANDING),
-    ("arm_lost", command(), ArmState(True, None, None, 100.0)),
+    ("arm_lost", command(), ArmState(None, None, 100.0)),
     ("outside_workspace", command(moved(x=600.0)), STANDING),
     ("outside_workspace", command(moved(z=-400.0)), STANDING),
     ("below_table", command(moved(z=-352.0)), STANDING),
@@ -89,7 +89,7 @@ def test_a_sound_command_goes():
 
 def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():
     tilted = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), np.radians(-75.0)), np.array([420.0, 0.0, -270.0]))
-    standing = ArmState(True, None, tilted, 100.0)
+    standing = ArmState(None, tilted, 100.0)
     refusal = refuse(MoveCommand(tilted, True, 10.0, "test"), standing, LIMITS)
     assert refusal is not None
     assert refusal.rule == "below_table"
@@ -155,7 +155,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def go_to(self, pose, speed, from_look):
         before = self.mover.belief.at
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
-        state = (self.mover.permit.enabled, self.mover.permit.blocked_by, self.world.now_s)
+        state = (self.mover.permit.enabled, self.mover.permit.blocked, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
         except MoveRefusedError:
@@ -208,7 +208,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(closed=st.booleans())
     def hand(self, closed):
-        may = self.mover.permit.enabled and self.mover.permit.blocked_by is None
+        may = self.mover.permit.enabled and not self.mover.permit.blocked
         sent = len(self.world.wire)
         try:
             self.loop.run_until_complete(self.mover.hand(closed))
@@ -227,9 +227,9 @@ class GuardedMotion(RuleBasedStateMachine):
 
 def oracle(told, before, state):
     """What was wrong with letting this command go; written without the guard's own code."""
-    enabled, fault, now_s = state
+    enabled, blocked, now_s = state
     wrong = []
-    if not enabled or fault is not None:
+    if not enabled or blocked:
         wrong.append("moved while disabled or in fault")
     if before is None:
         return [*wrong, "moved from an unknown place"]
@@ -322,7 +322,7 @@ def test_each_corner_of_a_finger_tip_is_guarded(point):
     beside = np.cross(down, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(down, [0.0, 0.0, 1.0]))
     rotation = np.array([beside, np.cross(beside, down), -down])
     pose = frames.rigid(rotation, np.array([420.0, 0.0, LIMITS.table_z_mm + down @ point + 1.0]))
-    told, standing = MoveCommand(pose, True, 10.0, "tip down"), ArmState(True, None, pose, 100.0)
+    told, standing = MoveCommand(pose, True, 10.0, "tip down"), ArmState(None, pose, 100.0)
     refusal = refuse(told, standing, LIMITS)
     assert refusal is not None
     assert refusal.rule == "below_table"

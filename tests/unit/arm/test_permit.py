@@ -65,9 +65,10 @@ def test_of_two_stops_both_must_have_ended():
     permit.stop_begins()
     permit.stop_ends()
     assert permit.stopping
-    assert permit.blocked_by == "being stopped (by ann)"
+    assert permit.blocked
+    assert permit.refusal().text == "the arm is being stopped (by ann): try again when it is at rest"
     permit.stop_ends()
-    assert permit.blocked_by is None
+    assert not permit.blocked
     assert not permit.withheld
 
 
@@ -80,8 +81,29 @@ def test_a_hold_is_over_with_the_next_move_that_is_released():
     assert not permit.held
 
 
-def test_a_fault_is_what_hinders_first():
-    permit = granted()
+@pytest.mark.parametrize("typed", [False, True])
+def test_a_fault_is_what_hinders_first(typed):
+    permit = MotionPermit()
     permit.stop_begins()
     permit.fault = "cameras: no frame"
-    assert permit.blocked_by == "cameras: no frame"
+    permit.stop_ends()
+    assert permit.blocked
+    permit.stop_begins()
+    assert permit.refusal(typed).text == "a fault is active (cameras: no frame): `resume` first"
+    permit.fault = None
+    assert permit.refusal(typed).rule == "fault_active"
+
+
+@pytest.mark.parametrize(
+    ("what", "commanded", "typed"),
+    [
+        (Grant.ALL, None, None),
+        (Grant.BY_HAND, "calibrate hand-eye first", None),
+        (Grant.NOTHING, "`enable` first", "`enable` first"),
+    ],
+)
+def test_a_motion_that_was_not_granted_is_refused_with_what_to_do(what, commanded, typed):
+    permit = granted(what)
+    for refusal, remedy in ((permit.refusal(), commanded), (permit.refusal(typed=True), typed)):
+        assert (refusal is None) == (remedy is None)
+        assert refusal is None or (refusal.rule == "not_enabled" and remedy in refusal.text)

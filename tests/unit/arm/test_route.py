@@ -11,9 +11,9 @@ from daemon import frames
 from daemon.arm import route
 from daemon.arm.belief import Beliefs, BeliefSource, Reading
 from daemon.arm.body import Capsule, KeepOut
-from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
+from daemon.arm.guard import ArmState, Limits, MoveCommand
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permit import MotionPermit, Refusal
 from daemon.arm.route import plan_path
 from daemon.arm.workcell import Workcell
 from daemon.pick.two_fingers import tool_rotation
@@ -37,7 +37,7 @@ LEFT, RIGHT = hand(560, -200, -180), hand(560, 200, -180)
 
 
 def planned(start, target, straight=False, limits=LIMITS):
-    standing = ArmState(True, None, start, 0.0)
+    standing = ArmState(None, start, 0.0)
     return plan_path(MoveCommand(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
 
 

@@ -191,9 +191,9 @@ def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
     world, supervisor, heard = supervised()
     lived(supervisor.stop())
     with pytest.raises(RefusedError, match="`resume`"):
-        supervisor.may_move()
+        supervisor.refuse_unless_permitted()
     supervisor.resume()
-    supervisor.may_move()
+    supervisor.refuse_unless_permitted()
     assert [what for what, _ in heard] == [JobEvent.STOP, JobEvent.RESUME]
 
     def early() -> None:
@@ -849,7 +849,7 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="no hand_eye"):
-            supervisor.may_move()
+            supervisor.refuse_unless_permitted()
         task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
         await until_so(lambda: world.wire)
         await supervisor.disable()
@@ -1174,7 +1174,7 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.travel(NEAR, "late", lambda _: 20.0)
         with pytest.raises(RefusedError, match="`enable`"):
-            supervisor.may_move()
+            supervisor.refuse_unless_permitted()
 
     lived(story())
     assert "move" not in [name for name, _ in world.wire]
@@ -1188,12 +1188,12 @@ def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.abort())
         await asyncio.sleep(0.01)
-        for may in (supervisor.may_move, supervisor.may_move_by_hand):
-            with pytest.raises(RefusedError, match=r"being stopped .*; try again when it is at rest"):
-                may()
+        for typed in (False, True):
+            with pytest.raises(RefusedError, match=r"being stopped .*: try again when it is at rest"):
+                supervisor.refuse_unless_permitted(typed)
         answered.set()
         await stopping
-        supervisor.may_move()
+        supervisor.refuse_unless_permitted()
 
     lived(story())
 
@@ -1299,7 +1299,7 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
             stopping = asyncio.create_task(supervisor.abort())
             await asyncio.sleep(0.03)
             assert supervisor.stopping
-            assert supervisor.permit.blocked_by == "being stopped (aborted by the operator)"
+            assert "being stopped (aborted by the operator)" in supervisor.permit.refusal().text
             await stopping
             assert not supervisor.busy
             assert not supervisor.stopping

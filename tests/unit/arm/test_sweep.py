@@ -13,6 +13,7 @@ from daemon.arm import sweep
 from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
+from daemon.arm.permit import Refusal
 from daemon.arm.sweep import SLACK_MM, gaps_of, lever_arms_mm, path_of, path_refusal
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
@@ -587,9 +588,9 @@ def test_what_is_outside_the_room_may_come_in_and_go_no_farther_out():
 
 def test_the_rules_of_the_moment_go_before_the_way():
     some = travel(hand(560, -200, 0), hand(560, 200, 0))
-    fault = ArmState(True, "stopped", some.start.world_from_tool, 0.0)
+    fault = ArmState(Refusal("fault_active", "stopped"), some.start.world_from_tool, 0.0)
     assert path_refusal(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_active"
-    lost = ArmState(True, None, None, 0.0)
+    lost = ArmState(None, None, 0.0)
     assert path_refusal(some.command, lost, None, ROBOT, LIMITS).rule == "arm_lost"
 
 

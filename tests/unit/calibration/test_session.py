@@ -15,7 +15,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm import MoveRefusedError, NotSettledError
-from daemon.arm.guard import Refusal
+from daemon.arm.permit import Refusal
 from daemon.arrays import Array
 from daemon.calibration import session
 from daemon.calibration.board import BoardError, SeenBoard
@@ -138,7 +138,7 @@ def session_of(**more: Any) -> Any:
         return await job
 
     mover = SimpleNamespace(cell=cell, reach=SimpleNamespace(allows=lambda _: True), dry=False, here=None, **more)
-    supervisor = SimpleNamespace(mover=mover, run=now, may_move=lambda: None)
+    supervisor = SimpleNamespace(mover=mover, run=now, refuse_unless_permitted=lambda: None)
     return SimpleNamespace(
         held=False,
         supervisor=supervisor,

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import BeliefSource, HeldPart, RefusedError, carried_part
-from daemon.arm.guard import Refusal
 from daemon.arm.motion import MoveRefusedError
+from daemon.arm.permit import Refusal
 from daemon.events.pick_order import PickOrder
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
