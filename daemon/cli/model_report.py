@@ -11,7 +11,7 @@ from daemon.console.phrases import plural
 from daemon.store.model import ModelFile
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Model
-from daemon.vision.recognition import fitted, recalled
+from daemon.vision.recognition import fit_candidates, recall_views
 
 SAME_TYPES = 0.8
 """A vigilance at which a view is recalled by its types only, whatever lengths and angles."""
@@ -121,14 +121,15 @@ def confusable(model: Model) -> list[dict[str, str]]:
 def _taken_for(model: Model, part: Polyhedron) -> dict[str, str]:
     """Every part that is recalled from these types, and whether lengths and angles distinguish it."""
     ways = [
-        (one.label, one.way)
-        for one in recalled(part, [(name,) for name in part.types], model, SAME_TYPES)
-        if one.way.explained == len(part.facets) and _same_types(part, model.metric[one.label].solid, one.way.facets)
+        (one.label, one.correspondence)
+        for one in recall_views(part, [(name,) for name in part.types], model, SAME_TYPES)
+        if one.correspondence.explained == len(part.facets)
+        and _same_types(part, model.metric[one.label].solid, one.correspondence.facets)
     ]
     found = dict[str, str]()
     for label in dict.fromkeys(label for label, _ in ways):
         own = [way for way in ways if way[0] == label]
-        best = fitted(part, model.metric, own, model.parameters.tolerance_mm)[0]
+        best = fit_candidates(part, model.metric, own, model.parameters.tolerance_mm)[0]
         decided = "lengths and angles do not distinguish them" if best.tail > 1e-4 else (
             f"lengths and angles distinguish them ({best.rms_mm:.1f} mm rms)"
         )  # fmt: skip

@@ -16,7 +16,7 @@ from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
-from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, merge_vertices, only
+from daemon.vision.facets import FusedLooks, LookFacets, connected, fuse, group_of, merge_vertices, only
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
 
@@ -82,13 +82,13 @@ def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
     return [looks[k] for k in sorted(chosen)]
 
 
-def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> SeenFrom:
+def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> LookFacets:
     """Groups of facets that a look measured, and from where."""
     rig, here = look.taken.rig, look.world_from_cyclopean
-    return SeenFrom(tuple(groups), here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
+    return LookFacets(tuple(groups), here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
 
 
-def _seen_whole(look: Look, doubt: Doubt) -> SeenFrom:
+def _seen_whole(look: Look, doubt: Doubt) -> LookFacets:
     return seen_from(look, [merge_vertices(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
@@ -102,7 +102,7 @@ def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[O
     return [part for k, part in enumerate(named) if k not in out]
 
 
-def _in_own_places(fused: Fused, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
+def _in_own_places(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
     """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron
@@ -134,7 +134,7 @@ def _middle(part: ObservedPart, recogniser: PartRecogniser) -> Array:
     return part.centre if shape is None else frames.apply(part.world_from_part, shape.corners_mm).mean(axis=0)
 
 
-def _unexplained(fused: Fused, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[int]:
+def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[int]:
     """The facets that lie for less than half in faces of named parts, all together, and are no side of one that was
     never taught."""
     seen = fused.polyhedron
@@ -206,12 +206,12 @@ def _share_in(ring: Array, outline: Array) -> float:
     return float(inside(points, outline[None])[0].mean()) if len(points) else 0.0
 
 
-def _whole(fused: Fused, facets: list[int]) -> list[list[int]]:
+def _whole(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     """Some of the facets, those together that share edges."""
-    return [[facets[k] for k in thing] for thing in only(fused, facets).things()] if facets else []
+    return [[facets[k] for k in thing] for thing in only(fused, facets).connected_facets()] if facets else []
 
 
-def _pieces(fused: Fused, facets: list[int]) -> list[list[int]]:
+def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     """What of the facets may be one part: what hangs together; of that, what hangs together over no hollow edge; and of
     that the facets whose corners are seen to be corners, from two places."""
     found = list[list[int]]()
@@ -230,7 +230,9 @@ def _convex(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
     return [[thing[k] for k in piece] for piece in connected(touch)]
 
 
-def _recognised(fused: Fused, piece: Sequence[int], newest: Look, recogniser: PartRecogniser) -> list[ObservedPart]:
+def _recognised(
+    fused: FusedLooks, piece: Sequence[int], newest: Look, recogniser: PartRecogniser
+) -> list[ObservedPart]:
     """Some facets as the newest look would have measured them all, and what they are taken for."""
     group = group_of(fused, piece, frames.inverse(newest.world_from_cyclopean), newest.taken.rig)
     return [ObservedPart(part, newest) for part in recogniser.recognise(group)]

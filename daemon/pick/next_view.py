@@ -107,7 +107,7 @@ def hypotheses_of(
                 one.facets,
                 one.probability,
             )
-            for one in recogniser.standing(group)
+            for one in recogniser.candidate_poses(group)
             if (solid := recogniser.shape(one.label)) is not None
         ]
         left = max(1.0 - sum(h.probability for h in found), 0.0)

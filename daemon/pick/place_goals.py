@@ -184,7 +184,7 @@ def _on_side(place: Place, shape: Polyhedron) -> Array:
     if place.side_down > len(shape.rings):
         raise PartPlaceError(f"{place.part} has {len(shape.rings)} sides, and side_down is {place.side_down}")
     turned = frames.rigid(about_vertical(place.heading_deg) @ UPSIDE_DOWN, np.array(place.point_mm))
-    return np.asarray(turned @ shape.laid_flat[place.side_down - 1])
+    return np.asarray(turned @ shape.flat_from_solid[place.side_down - 1])
 
 
 def set_down_of(

@@ -118,7 +118,7 @@ def plan_from_side(
     the table. Raises ValueError where the taught corners span no solid."""
     ways, whys = list[tuple[PlannedMotion, ...]](), list[str]()
     for heading_deg in HEADINGS_DEG:
-        pose = frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, lying_at) @ goal.shape.laid_flat[side]
+        pose = frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, lying_at) @ goal.shape.flat_from_solid[side]
         arm = settings, mounting, reach.allows_each, rig
         plan, steps = plan_to_place(goal.shape, pose, (), *arm, Destination([goal]))
         if isinstance(plan, NoPlan):

@@ -157,7 +157,7 @@ def stable_sides(shape: Polyhedron) -> list[int]:
     """The sides, from 0, that a part of one material can lie on: nothing of it is beyond them, and the mass centre is
     above them. Raises ValueError where the corners span no volume."""
     mass, found = centre_of_mass(felt(shape)), []
-    for side, laid in enumerate(shape.laid_flat):
+    for side, laid in enumerate(shape.flat_from_solid):
         beyond_mm = float(frames.apply(laid, shape.corners_mm)[:, 2].max())
         if beyond_mm < FLAT_MM and is_over(mass, shape, side):
             found.append(side)
@@ -166,7 +166,7 @@ def stable_sides(shape: Polyhedron) -> list[int]:
 
 def is_over(mass: Array, shape: Polyhedron, side: int) -> bool:
     """Whether a mass centre (3,) is above a side, from 0, on which a part lies."""
-    laid = shape.laid_flat[side]
+    laid = shape.flat_from_solid[side]
     ring = frames.apply(laid, shape.corners_mm[shape.rings[side]])[None, :, :2]
     return bool(inside(frames.apply(laid, mass[None])[:, :2], ring)[0, 0])
 

@@ -16,7 +16,7 @@ from daemon.store.model import ModelFile, load_file
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.model import Model
-from daemon.vision.recognition import CandidatePose, recognise, standing
+from daemon.vision.recognition import CandidatePose, candidate_poses, recognise_groups
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group, Part, Scene
@@ -34,7 +34,7 @@ class PartRecogniser(Protocol):
     def recognise(self, group: Group) -> tuple[Part, ...]:
         """Facets that hang together, of one look or of many, as parts, in the frame they are in."""
 
-    def standing(self, group: Group) -> tuple[CandidatePose, ...]:
+    def candidate_poses(self, group: Group) -> tuple[CandidatePose, ...]:
         """Every taught part and pose that facets which hang together allow, the likeliest first."""
 
     def shape(self, label: str) -> Polyhedron | None:
@@ -72,11 +72,11 @@ class ModelRecogniser(ByReference):
 
     def recognise(self, group: Group) -> tuple[Part, ...]:
         """Facets that hang together, as parts."""
-        return tuple(found.part for found in recognise((group,), self.model))
+        return tuple(found.part for found in recognise_groups((group,), self.model))
 
-    def standing(self, group: Group) -> tuple[CandidatePose, ...]:
+    def candidate_poses(self, group: Group) -> tuple[CandidatePose, ...]:
         """Every taught part and pose that facets which hang together allow."""
-        return standing(group, self.model)
+        return candidate_poses(group, self.model)
 
     def report(self, scene: Scene) -> dict[str, object]:
         return scene_json(scene)

@@ -102,8 +102,8 @@ def resting(shape: Polyhedron) -> Array:
     ValueError where the corners span no volume."""
     ground, mass = hull(shape.corners_mm), centre_of_mass(felt(shape))
     round_mm = np.concatenate([shape.covers.reshape(-1, 3), *(arc.points_mm for arc in shape.arcs)])
-    found = [shape.laid_flat[side] for side in stable_sides(shape)]
-    for side, laid in enumerate(ground.laid_flat):
+    found = [shape.flat_from_solid[side] for side in stable_sides(shape)]
+    for side, laid in enumerate(ground.flat_from_solid):
         beyond_mm = frames.apply(laid, round_mm)[:, 2].max(initial=0.0)
         known = any(laid[2, :3] @ other[2, :3] > np.cos(NEARLY_FLAT_RAD) for other in found)
         if not known and beyond_mm < ROUND_MM and is_over(mass, ground, side):

@@ -88,7 +88,7 @@ def replayed_looks(
     rigs: dict[str, StereoRig] = {}
     models: dict[str, Model] = {}
     untaught = empty_model(library)
-    settings = (using.settings or VisionSettings()).unhurried()
+    settings = (using.settings or VisionSettings()).without_time_limit()
     for record, kept in in_use(run.records):
         if record["kind"] != "look" or record.get("scene") is None:
             continue

@@ -13,7 +13,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.geometry import FACING, Polyhedron, StereoRig, corner_covariance, visible_from
 from daemon.vision.model import Model, spread
-from daemon.vision.recognition import recognise_group
+from daemon.vision.recognition import recognise_part
 from daemon.vision.values import UNKNOWN, Facet, Group
 
 VIEWPOINTS = 60
@@ -77,7 +77,7 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
         seen = imagined_view(solid, towards, rig)
         if seen is None:
             continue
-        verdict = recognise_group(seen, model).recognition
+        verdict = recognise_part(seen, model).recognition
         if verdict.label == label:
             named += 1
         else:

@@ -37,7 +37,7 @@ from daemon.vision.model import (
     learn_view,
     merge_views,
 )
-from daemon.vision.recognition import recognise_group
+from daemon.vision.recognition import recognise_part
 from daemon.vision.settings import MemorySettings, VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part
 
@@ -209,7 +209,7 @@ class Trainer:
         """The facets of a view with their types, and the part's side that each will be, None where ambiguous. Raises
         TeachError."""
         model = learn_view(self.learnt()[0], group, label)
-        seen = recognise_group(group, model)
+        seen = recognise_part(group, model)
         if seen.recognition.label != label:  # as much like another part: how it lies is not known
             return seen.facets, [None] * len(seen.facets)
         return seen.facets, _sides(seen, model.metric[label].solid)
@@ -275,7 +275,7 @@ class Trainer:
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
         version = self.model_store.put_candidate(model, self._codes(model))
-        tried = ModelRecogniser(model, self.rig, (self.settings or VisionSettings()).unhurried())
+        tried = ModelRecogniser(model, self.rig, (self.settings or VisionSettings()).without_time_limit())
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
@@ -338,7 +338,7 @@ class Trainer:
         every = aspects(solid)
         shown = [one for one in every if one.facets in learnt] or every  # another shape has taken the place of this one
         groups = (imagined_group(solid, one.facets, one.towards, self.rig) for one in shown)
-        answers = [recognise_group(group, tried.model).recognition for group in groups]
+        answers = [recognise_part(group, tried.model).recognition for group in groups]
         named = [one for one in answers if one.label == view.label]
         others = [one for one in answers if one.label not in (view.label, UNKNOWN)]
         worst = (others or sorted(named, key=lambda one: one.confidence) or answers)[0]

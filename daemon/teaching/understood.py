@@ -26,7 +26,7 @@ def understood(drawing: Drawing, opening_mm: float | None) -> list[str]:
         lines.append(f"Curved, so no facets: {counted(str(one) for one in drawing.curved)}.")
     lines += [f"In the file: {note}." for note in drawing.notes]
     origin = " ".join(f"{value + 0.0:.4g}" for value in np.round(drawing.origin_mm, 2))
-    axes = ", ".join(_axis(row) for row in solid.laid_flat[0, :3, :3])
+    axes = ", ".join(_axis(row) for row in solid.flat_from_solid[0, :3, :3])
     lines.append(f"The part's frame: its origin at ({origin}) of the drawing, its x, y, z along the drawing's {axes}.")
     lines += [] if opening_mm is None else [_held(solid, opening_mm)]
     return lines
@@ -58,7 +58,7 @@ def _widths(solid: Polyhedron) -> list[float]:
         normal = solid.normals[one]
         width = float((solid.centres_mm[one] - solid.centres_mm[other]) @ normal)
         if normal @ solid.normals[other] < OPPOSITE_COS and width > 0:
-            across = solid.laid_flat[one, :3, :3][:2]
+            across = solid.flat_from_solid[one, :3, :3][:2]
             rings = [solid.corners_mm[solid.rings[facet]] @ across.T for facet in (one, other)]
             middles = [solid.centres_mm[facet] @ across.T for facet in (other, one)]
             if any(inside(middle[None], ring[None])[0, 0] for middle, ring in zip(middles, rings, strict=True)):

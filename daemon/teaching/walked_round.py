@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.teaching.closed_surface import in_triangles
 from daemon.teaching.mesh import STL_ROW
-from daemon.vision.facets import Fused, only
+from daemon.vision.facets import FusedLooks, only
 from daemon.vision.geometry import Fits, Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_shared, type_facet
 
@@ -44,7 +44,7 @@ class WalkedRound:
     sigma_mm: float
 
 
-def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) -> WalkedRound:
+def learnt_round(fused: FusedLooks | None, table_mm: float, library: FacetLibrary) -> WalkedRound:
     """The one part that looks from all round measured. Raises TeachError where they show none."""
     if fused is None:
         raise TeachError("none of the places showed a facet of it")
@@ -55,7 +55,7 @@ def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) ->
     part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in closed])
     closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
     part = only(part, [k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
-    whole = max(part.things(), key=len, default=[])
+    whole = max(part.connected_facets(), key=len, default=[])
     if len(whole) < 2:
         raise TeachError("fewer than two sides of it were seen well enough; light it from above, from several sides")
     part = only(part, whole)
@@ -93,7 +93,7 @@ def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
     return set(range(len(solid.facets))) - open_ones
 
 
-def _ends(part: Fused, facet: int, seen: int) -> bool:
+def _ends(part: FusedLooks, facet: int, seen: int) -> bool:
     """Whether a facet that others do not close in really ends where it was seen to: nothing is in front of it and no
     open edge of another one lies in its plane; or it was measured often."""
     solid = part.polyhedron

@@ -17,13 +17,13 @@ from daemon.vision.evidence import (
     verified_names,
     without_overlaps,
 )
-from daemon.vision.facets import TablePlane, facets_seen, round_facets, with_lone_outlines, without_table
+from daemon.vision.facets import TablePlane, facets_of_images, round_facets, with_single_camera_outlines, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import ADVICE, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.hypotheses import prepare
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import FacetLibrary, Model, empty_model
-from daemon.vision.recognition import Recognised, recognise
+from daemon.vision.recognition import Recognised, recognise_groups
 from daemon.vision.refine import refined_parts
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
@@ -48,54 +48,54 @@ def look(
     no part, and a part that lies on it is likelier. Raises VisionError where an image cannot be used.
     """
     now = clock or (lambda: 0.0)
-    known = model or empty_model(FacetLibrary(()))
+    taught = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     images = open_stereo(left, right, rig)
-    if known.labels:
-        prepare(known)
+    if taught.labels:
+        prepare(taught)
     began = now()
-    brief = by_facets = _by_facets(images, full.coarse() if known.labels else full, known, table, now)
-    naming = brief.seconds
-    if _worth_a_closer_look(brief.found) and images.uncluttered(full):
-        closer = _by_facets(images, full.fine(), known, table, now)
-        by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
-        naming += closer.seconds
-    found, view = by_facets.found, by_facets.view
+    coarse = by_facets = _recognise_by_facets(images, full.coarse() if taught.labels else full, taught, table, now)
+    naming = coarse.seconds
+    if _needs_fine_search(coarse.recognised) and images.uncluttered(full):
+        fine = _recognise_by_facets(images, full.fine(), taught, table, now)
+        by_facets = max(coarse, fine, key=lambda one: sum(r.named for r in one.recognised))
+        naming += fine.seconds
+    recognised, view = by_facets.recognised, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
     refines = full.corner_detector == "line_fit" and full.stereo_formula == "exact"
     start = now()
-    found = verified = _verified(found, (), (), known, images) if refines else found
+    recognised = verified = _refine_and_verify(recognised, (), (), taught, images) if refines else recognised
     seconds["refine"] = now() - start
     guesses, left_out, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), list[Recognised]()
-    complete = bool(known.labels) and all_accounted_for(found, view, known, images)
-    if not complete and not (known.labels and any(view.outlines)):
-        view = with_lone_outlines(view, images, by_facets.effort)
-    if known.labels and not complete:
+    complete = bool(taught.labels) and all_accounted_for(recognised, view, taught, images)
+    if not complete and not (taught.labels and any(view.outlines)):
+        view = with_single_camera_outlines(view, images, by_facets.effort)
+    if taught.labels and not complete:
         start = now()
-        found, view = without_overlaps(found, view, (), known, images)
-        if not all_accounted_for(found, view, known, images) and any(view.outlines):
-            straight = named_by_edges(
+        recognised, view = without_overlaps(recognised, view, (), taught, images)
+        if not all_accounted_for(recognised, view, taught, images) and any(view.outlines):
+            edge_result = named_by_edges(
                 images,
-                known,
-                found,
+                taught,
+                recognised,
                 lambda: (now() - began) / full.budget_s,
                 table,
-                lambda new: all_accounted_for(*without_overlaps(found, view, new, known, images), known, images),
+                lambda new: all_accounted_for(*without_overlaps(recognised, view, new, taught, images), taught, images),
             )
-            if not straight.complete:
-                view = with_lone_outlines(view, images, by_facets.effort)
-            found, view = without_overlaps(found, view, straight.named, known, images)
-            guesses, left_out = straight.guesses, straight.left_out
-            by_edges = straight.named
+            if not edge_result.complete:
+                view = with_single_camera_outlines(view, images, by_facets.effort)
+            recognised, view = without_overlaps(recognised, view, edge_result.named, taught, images)
+            guesses, left_out = edge_result.guesses, edge_result.left_out
+            by_edges = edge_result.named
         seconds["edges"] = now() - start
     start = now()
-    parts = tuple(r.part for r in found)
+    parts = tuple(r.part for r in recognised)
     if refines:
-        refined = _verified(found, verified, by_edges, known, images)
+        refined = _refine_and_verify(recognised, verified, by_edges, taught, images)
         parts = tuple(one.part for one in refined)
     seconds["refine"] += now() - start
     pictures = images.left.grey, images.right.grey
-    if known.labels and not all(part.named for part in parts):
+    if taught.labels and not all(part.named for part in parts):
         parts = with_causes(parts, guesses, pictures)
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
     seen = _notes(view, parts, model, pictures)
@@ -103,47 +103,47 @@ def look(
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 
-def _verified(
-    found: tuple[Recognised, ...],
-    before: Sequence[Recognised],
+def _refine_and_verify(
+    recognised: tuple[Recognised, ...],
+    verified: Sequence[Recognised],
     by_edges: Sequence[Recognised],
-    known: Model,
+    taught: Model,
     images: StereoImages,
 ) -> tuple[Recognised, ...]:
     """What has a name, where its edges have it, as what edges named is already; without its name where too much of what
     it should show is missing. What was verified before stays as it is."""
-    new = [one for one in found if one not in before]
-    parts = refined_parts([one.part for one in new], known, images, [one.part for one in by_edges])
+    new = [one for one in recognised if one not in verified]
+    parts = refined_parts([one.part for one in new], taught, images, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
-    checked = dict(zip(new, verified_names(refined, known, images), strict=True))
-    return tuple(checked.get(one, one) for one in found)
+    checked = dict(zip(new, verified_names(refined, taught, images), strict=True))
+    return tuple(checked.get(one, one) for one in recognised)
 
 
-class _ByFacets(NamedTuple):
+class _FacetResult(NamedTuple):
     """What facets name, the facets, the effort by which they were found, and how long the naming took."""
 
-    found: tuple[Recognised, ...]
+    recognised: tuple[Recognised, ...]
     view: FacetView
     effort: VisionSettings
     seconds: float
 
 
-def _by_facets(
-    images: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
-) -> _ByFacets:
+def _recognise_by_facets(
+    images: StereoImages, effort: VisionSettings, taught: Model, table: TablePlane | None, now: Callable[[], float]
+) -> _FacetResult:
     """What facets name with some effort. Those with arcs are looked for where nothing is taught, to be taught: what is
     taught with arcs is named by its edges, with or without them."""
-    seen = facets_seen(images, effort, [] if known.labels else round_facets(images, effort))
+    all_facets = facets_of_images(images, effort, [] if taught.labels else round_facets(images, effort))
     start = now()
-    view = seen if table is None else without_table(seen, table)
-    holes = partial(hole_nats, images=images, tolerance_mm=known.parameters.tolerance_mm)
-    found = recognise(view.groups, known, holes)
-    return _ByFacets(found, view, effort, now() - start)
+    view = all_facets if table is None else without_table(all_facets, table)
+    holes = partial(hole_nats, images=images, tolerance_mm=taught.parameters.tolerance_mm)
+    recognised = recognise_groups(view.groups, taught, holes)
+    return _FacetResult(recognised, view, effort, now() - start)
 
 
-def _worth_a_closer_look(found: tuple[Recognised, ...]) -> bool:
+def _needs_fine_search(recognised: tuple[Recognised, ...]) -> bool:
     """Whether something could be a taught part, if more of it were seen."""
-    return any(r.part.recognition.candidates for r in found if not r.named)
+    return any(r.part.recognition.candidates for r in recognised if not r.named)
 
 
 def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictures: Pictures) -> tuple[str, ...]:
@@ -154,6 +154,6 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictur
     left, right = view.outlines
     if not parts:
         cause = cause_of_nothing(pictures)
-        seen = (f"no facet was found in both images ({left} and {right} outlines)",) if left or right else ()
-        return (*seen, *((f"{ADVICE[cause].words}; {ADVICE[cause].remedy}",) if cause else ()))
+        outlined = (f"no facet was found in both images ({left} and {right} outlines)",) if left or right else ()
+        return (*outlined, *((f"{ADVICE[cause].words}; {ADVICE[cause].remedy}",) if cause else ()))
     return silent

@@ -105,6 +105,6 @@ class VisionSettings:
         """The brief effort at full-size pixels: for small parts, where few edges are followed up."""
         return replace(self.coarse(), shrinks=(1,))
 
-    def unhurried(self) -> VisionSettings:
+    def without_time_limit(self) -> VisionSettings:
         """The same without a time budget, so that results do not depend on the computer's speed."""
         return replace(self, budget_s=inf)

@@ -22,7 +22,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.vision.facets import circles_seen
+from daemon.vision.facets import find_circles
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses.circles import rims_of
 from daemon.vision.image import open_stereo
@@ -122,7 +122,7 @@ def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> 
     cameras = open_stereo(shown.left, shown.right, shown.rig)
     facets = [facet for part in look(shown.left, shown.right, shown.rig).parts for facet in part.facets]
     rims, kinds = rims_of(solid), {kind for kind in solid.types if kind.startswith("arc")}
-    seen = circles_seen(cameras, np.array([rim.radius_mm for rim in rims]))
+    seen = find_circles(cameras, np.array([rim.radius_mm for rim in rims]))
     for rim in rims:
         centre, normal = frames.apply(true, rim.centre_mm[None])[0], true[:3, :3] @ rim.normal
         towards = [(camera - centre) / np.linalg.norm(camera - centre) for camera in cameras.geometry.cameras_mm]

@@ -21,7 +21,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.evidence import by_rounding
 from daemon.vision.evidence.by_rounding import APART, BorderSeen, borders_seen, nats_of
-from daemon.vision.facets import facets_seen
+from daemon.vision.facets import facets_of_images
 from daemon.vision.image import open_stereo
 from daemon.vision.settings import VisionSettings
 from tests.bench.simulated_looks import true_rig
@@ -63,7 +63,7 @@ def looks() -> Iterator[Look]:
         for lies, part in enumerate(pair):
             shown = photograph(part.shape, np.random.default_rng([seed, lies]), distance_mm=distance)
             cameras = open_stereo(shown.left, shown.right, rig)
-            facets_seen(cameras, VisionSettings().coarse())  # which measures the blur of edges
+            facets_of_images(cameras, VisionSettings().coarse())  # which measures the blur of edges
             pose = shown.cyclopean_from_part @ _part_from_solid(part)
             seen = borders_seen(part.drawing.solid, pair[1 - lies].drawing.solid, np.eye(4), pose, cameras)
             yield Look((f"{radius:g}", str(seed), f"{distance[0]:g}", str(lies)), seen)

@@ -20,15 +20,15 @@ from typing import Any
 
 import cv2
 import numpy as np
+from tests.bench.recognise_groups import test_folders, trained
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
 from daemon.vision.facets import candidates, corner_adjustment, merge_vertices, reconstruct
 from daemon.vision.image import stereo_images
 from daemon.vision.look import look
-from daemon.vision.recognition import recognise
+from daemon.vision.recognition import recognise_groups
 from daemon.vision.refine import refined_parts
-from tests.bench.recognise import test_folders, trained
 from tests.fakes import rendered
 
 SETS = ("clean", "shadow", "textured", "multi")
@@ -41,10 +41,10 @@ BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "matching": (candidates.in_both, candidates.match_polygons, candidates.candidates, candidates.choose),
     "welding": (merge_vertices, corner_adjustment.adjust_corners),
     "facets, rest": (
-        reconstruct.facets_seen,
-        reconstruct.with_lone_outlines,
+        reconstruct.facets_of_images,
+        reconstruct.with_single_camera_outlines,
     ),
-    "naming": (recognise,),
+    "naming": (recognise_groups,),
     "edges": (named_by_edges, without_overlaps),
     "sharpening": (refined_parts,),
     "rest": (look,),

@@ -25,19 +25,19 @@ from typing import Any
 
 import cv2
 import numpy as np
+from tests.bench.recognise_groups import matched, test_folders, trained
 
 from daemon.main import tame_malloc
-from daemon.vision.facets import facets_seen
+from daemon.vision.facets import facets_of_images
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import open_stereo
 from daemon.vision.model import MetricModel, Model, relearnt
-from daemon.vision.recognition import places_of, recognise
-from daemon.vision.recognition.fits import FacetHypothesis, Way
+from daemon.vision.recognition import facet_placements, recognise_groups
+from daemon.vision.recognition.fits import FacetHypothesis, LabelledCorrespondence
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Scene
 from tests.bench.look_alikes import shown
 from tests.bench.many_parts import photographed
-from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.ablated import four_drawn, misled
@@ -134,7 +134,7 @@ def many_parts() -> Set:
 
 def _facets(pair: tuple[Image, Image], rig: StereoRig) -> FacetView:
     """All that the full effort finds."""
-    return facets_seen(open_stereo(*pair, rig), VisionSettings())
+    return facets_of_images(open_stereo(*pair, rig), VisionSettings())
 
 
 def table(of: Set) -> None:
@@ -147,7 +147,7 @@ def table(of: Set) -> None:
         ]
         wrong = [misled(model) for model in learnt]
         for model in (*learnt, *wrong):
-            places_of(tuple(known.solid for known in model.metric.values()))
+            facet_placements(tuple(known.solid for known in model.metric.values()))
         for vigilance in VIGILANCES:
             row, other = (_recognised(of, models, vigilance) for models in (learnt, wrong))
             c = row.counts
@@ -170,7 +170,7 @@ def _recognised(of: Set, models: Sequence[Model], vigilance: float) -> Row:
     with _counted(row):
         for seen in of.looks:
             start = time.process_time()
-            parts = tuple(one.part for one in recognise(seen.view.groups, told[seen.model]))
+            parts = tuple(one.part for one in recognise_groups(seen.view.groups, told[seen.model]))
             row.seconds.append(time.process_time() - start)
             row.counts.update(_became(Scene(parts, (), seen.view), seen.told, told[seen.model]))
     return row
@@ -201,7 +201,7 @@ def _counted(row: Row) -> Iterator[None]:
     before = RECOGNISE.fitted
 
     def counting(
-        seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way], tolerance_mm: float
+        seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[LabelledCorrespondence], tolerance_mm: float
     ) -> tuple[FacetHypothesis, ...]:
         row.measured += len(ways) if len(seen.facets) > 1 else 0
         found: tuple[FacetHypothesis, ...] = before(seen, metric, ways, tolerance_mm)

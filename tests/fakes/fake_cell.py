@@ -274,7 +274,7 @@ class TruthRecogniser:
         unknown = Recognition("unknown", 0.0, 0.0, 0.0, None, False, "facets alone have no name here")
         return (Part(unknown, facets, pose, np.eye(6), float("nan")),)
 
-    def standing(self, group):
+    def candidate_poses(self, group):
         return ()
 
     def report(self, scene: Scene) -> dict[str, object]:

@@ -59,7 +59,7 @@ from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runs import check_wire, read_run
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.vision.model import empty_model, learn_view
-from daemon.vision.recognition.group_recognition import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_part
 from tests.fakes.fake_context import FakeFrontend, fake_context
 from tests.fakes.made_run import MadeRun
 from tests.fakes.solids import CUBE, PYRAMID, pose, view_of
@@ -328,7 +328,7 @@ def _fitting_model(content: bytes, _: Path) -> object:
     except (ValueError, TypeError, RecursionError, UnicodeError) as error:
         raise ModelError("no header") from error
     model = from_bytes(file).model
-    return recognise_group(view_of(CUBE, pose(np.array([0.3, 0.2, 0.9]), 1.0), np.random.default_rng(2)), model)
+    return recognise_part(view_of(CUBE, pose(np.array([0.3, 0.2, 0.9]), 1.0), np.random.default_rng(2)), model)
 
 
 def _places(content: bytes, folder: Path) -> object:

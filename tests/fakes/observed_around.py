@@ -10,7 +10,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.pose_fusion import Doubt
 from daemon.teaching.sufficiency import visible_facets
-from daemon.vision.facets import SeenFrom, shared_motion
+from daemon.vision.facets import LookFacets, shared_motion
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.values import Facet, Group
 from tests.fakes.solids import Body
@@ -35,7 +35,7 @@ def place(azimuth: float, elevation: float, distance_mm: float = 300.0) -> Array
 
 def looked_at(
     part: Polyhedron, at: Array, rng: np.random.Generator, error: Array, doubt: Doubt = DOUBT, noise: float = 1.0
-) -> SeenFrom:
+) -> LookFacets:
     """One look at the whole facets in view. error (9,): what all looks share; noise: share of CORNER_PX."""
     towards = at[:3, 3] - part.centres_mm.mean(0)
     shown = visible_facets(part, towards / np.linalg.norm(towards))
@@ -54,10 +54,10 @@ def looked_at(
 
     group = Group(tuple(facet(part.rings[k]) for k in shown), tuple(part.facets[k] for k in shown))
     said = frames.perturb(at, -rng.multivariate_normal(np.zeros(6), doubt.arm()))
-    return SeenFrom((group,) if shown else (), said, doubt.arm(), FOCAL_PX, BASELINE_MM)
+    return LookFacets((group,) if shown else (), said, doubt.arm(), FOCAL_PX, BASELINE_MM)
 
 
-def tour(part: Polyhedron, count: int, rng: np.random.Generator, doubt: Doubt = DOUBT) -> list[SeenFrom]:
+def tour(part: Polyhedron, count: int, rng: np.random.Generator, doubt: Doubt = DOUBT) -> list[LookFacets]:
     """Looks from all round, evenly but for chance, from 25 to 65 degrees above."""
     error = rng.multivariate_normal(np.zeros(9), doubt.shared())
     turns = 2 * np.pi * (np.arange(count) + rng.uniform(0, 0.5, count)) / count

@@ -69,7 +69,7 @@ async def turned_over(label: str, rest: int, side: int, seed: int) -> TurnedOver
 
 def start_on(shape: Polyhedron, side: int, heading_deg: float = 10.0) -> Array:
     """(4, 4): the pose of a part that rests on a side, numbered from 0, where it is picked."""
-    return frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, START) @ shape.laid_flat[side]
+    return frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, START) @ shape.flat_from_solid[side]
 
 
 def goal_on(label: str, shape: Polyhedron, side: int) -> Goal:

@@ -10,7 +10,7 @@ import numpy as np
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model import Model, empty_model, learn_solids, learn_view, type_facet
-from daemon.vision.recognition.fits import FacetHypothesis, fitted, lone_ways, recalled
+from daemon.vision.recognition.fits import FacetHypothesis, fit_candidates, recall_views, single_facet_candidates
 from daemon.vision.settings import MemorySettings
 from tests.fakes.solids import CUBE, PENTAGONAL, PYRAMID, TRIANGULAR, Body, pose, view_of
 
@@ -47,11 +47,11 @@ def remembered(parts: Mapping[str, Polyhedron], parameters: MemorySettings | Non
 def hypotheses(seen: Polyhedron, model: Model, vigilance: float | None = None) -> tuple[FacetHypothesis, ...]:
     """What the memory recalls of facets at a vigilance (none: the model's), or of a lone one its sizes; each fitted."""
     if len(seen.facets) == 1:
-        ways = lone_ways(seen, model.metric)
+        ways = single_facet_candidates(seen, model.metric)
     else:
         least = model.parameters.vigilance if vigilance is None else vigilance
-        ways = [(one.label, one.way) for one in recalled(seen, types_open(seen), model, least)]
-    return fitted(seen, model.metric, ways, model.parameters.tolerance_mm)
+        ways = [(one.label, one.correspondence) for one in recall_views(seen, types_open(seen), model, least)]
+    return fit_candidates(seen, model.metric, ways, model.parameters.tolerance_mm)
 
 
 def shown(views: Sequence[tuple[str, Body, tuple[float, float, float]]]) -> Model:

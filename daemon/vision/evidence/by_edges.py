@@ -31,7 +31,7 @@ from daemon.vision.evidence.registered import (
     registered_at,
     registered_near,
 )
-from daemon.vision.facets import TablePlane, merge_vertices, seen_table
+from daemon.vision.facets import TablePlane, estimate_table, merge_vertices
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
@@ -125,7 +125,9 @@ def named_by_edges(
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, images) for one in known if one.named]
     maps = edge_distances(images.left), edge_distances(images.right)
-    search = Search(images, model, unnamed, named, maps, SupportPlane.of(seen_table(images, known_table), known_table))
+    search = Search(
+        images, model, unnamed, named, maps, SupportPlane.of(estimate_table(images, known_table), known_table)
+    )
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
     chances = max(by_facets.tests, fewest)

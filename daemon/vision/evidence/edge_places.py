@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, before_alike, hidden, off_segments, onto_circles, thickness
+from daemon.vision.geometry import Polyhedron, hidden, hides_parallel_facet, off_segments, onto_circles, thickness
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import LEAST_ARC_PX, ROOM_PX, THIN_PX, across
 
@@ -67,7 +67,7 @@ def edge_places(solid: Polyhedron, pose: Array, images: StereoImages) -> list[Ed
     px = np.stack([view.rectified.camera.project(points) for view in images.views])
     corners, px = px[:, :count], px[:, count:].reshape(2, -1, PLACES, 2)  # of either camera, as all that follows
     thick = thickness(corners[:, solid.ring_table])
-    hands = np.where((thick >= THIN_PX[1])[:, solid.hands], solid.hands, -1)
+    hands = np.where((thick >= THIN_PX[1])[:, solid.sides_of_lines], solid.sides_of_lines, -1)
     start, end = corners[:, ends[:, 0]], corners[:, ends[:, 1]]
     long = np.hypot(*np.moveaxis(end - start, 2, 0))
     visible = ((px > ROOM_PX) & (px < np.array(images.rig.image_size) - 1 - ROOM_PX)).all(3)
@@ -93,17 +93,19 @@ def edge_places(solid: Polyhedron, pose: Array, images: StereoImages) -> list[Ed
     known = ((hands >= 0) & raised[:, None])[:, :, None]
     before, after = np.moveaxis(np.where(known, usual[:, :, None], beside), 3, 0)
     expected = np.abs(after - before)
-    if solid.alike_behind:
+    if solid.parallel_behind:
         at = places.reshape(*visible.shape[1:], 3)
         for own, viewpoint in zip(
             expected, frames.apply(frames.inverse(pose), np.stack(images.geometry.cameras_mm)), strict=True
         ):
-            own[before_alike(solid, at, viewpoint)] = 0.0
+            own[hides_parallel_facet(solid, at, viewpoint)] = 0.0
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
     close = np.asarray((peaks(slopes, least) & _CLOSE).any(3))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
     sharp = ~((thick > THIN_PX[0]) & (thick < THIN_PX[1]))
-    outline = ((hands >= 0).sum(2) + walls == 1) & np.where(solid.hands < 0, True, sharp[:, solid.hands]).all(2)
+    outline = ((hands >= 0).sum(2) + walls == 1) & np.where(
+        solid.sides_of_lines < 0, True, sharp[:, solid.sides_of_lines]
+    ).all(2)
     spreads = np.hypot(*np.moveaxis(np.where(hands >= 0, spread, 0.0), 2, 0))[..., None]
     each = long / PLACES, np.where(outline, 1.0, INNER), visible, there, close, expected, step, spreads
     return [EdgePlaces(*own) for own in zip(*each, strict=True)]

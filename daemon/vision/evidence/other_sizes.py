@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import SeenCircle, differs_mm
+from daemon.vision.facets import MeasuredCircle, differs_mm
 from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import MODEL_PX
@@ -32,7 +32,7 @@ were within .6 %, of python -m tests.bench.arcs); and the share of what naming a
 may be."""
 
 
-def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[SeenCircle], tolerance_mm: float) -> float:
+def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[MeasuredCircle], tolerance_mm: float) -> float:
     """Log likelihood ratio, in nats, of circles that both cameras see against the taught radii of the arcs in a part's
     outline, at cyclopean_from_part (4, 4): edges are fitted one by one, and a pose gives way to a few per cent of a
     radius."""

@@ -13,7 +13,7 @@ from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import COVERED
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, joined, recognised
+from daemon.vision.recognition import Recognised, merge_adjacent, recognise_group
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
@@ -45,7 +45,7 @@ def without_overlaps(
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     holes = partial(hole_nats, images=images, tolerance_mm=model.parameters.tolerance_mm)
-    known = joined((*named, *(r for r, _ in new), *rest), model, holes)
+    known = merge_adjacent((*named, *(r for r, _ in new), *rest), model, holes)
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 
@@ -99,4 +99,4 @@ def _left_over(unnamed: Recognised, theirs: Callable[[Facet, bool], bool], model
     own = [k for k, facet in enumerate(unnamed.group.facets) if not theirs(facet, alone)]
     if len(own) == len(unnamed.group.facets):
         return [unnamed]
-    return [recognised(unnamed.group.only([k]), model) for k in own]
+    return [recognise_group(unnamed.group.only([k]), model) for k in own]

@@ -73,7 +73,7 @@ def _seen(points: Array, images: StereoImages, apart_px: float) -> tuple[Array, 
 
 def _on_face(solid: Polyhedron, index: int) -> Array:
     """(N, 3) places about a facet, in its plane, in the solid's frame."""
-    flat_from_part = solid.laid_flat[index]
+    flat_from_part = solid.flat_from_solid[index]
     flat = frames.apply(flat_from_part, solid.corners_mm[solid.rings[index]])[:, :2]
     spacing_mm = max(SPACING_MM, float(np.sqrt(np.prod(np.ptp(flat, axis=0)) / ENOUGH)))
     steps = (np.arange(low, high, spacing_mm) for low, high in zip(flat.min(0), flat.max(0), strict=True))
@@ -84,7 +84,7 @@ def _on_face(solid: Polyhedron, index: int) -> Array:
 def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, images: StereoImages) -> Flags:
     """(N,) whether both cameras see the facet itself at and about places (N, 3) on it, in the solid's frame: no hole in
     it, and nothing of the part before it."""
-    flat_from_part = solid.laid_flat[index]
+    flat_from_part = solid.flat_from_solid[index]
     flat = frames.apply(flat_from_part, places)
     broken = np.zeros(len(places), bool)
     for hole in solid.holes:

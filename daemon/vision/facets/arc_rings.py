@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.facets.candidates import Candidate, candidates
-from daemon.vision.facets.circles import SeenCircle, circles_seen
+from daemon.vision.facets.circles import MeasuredCircle, find_circles
 from daemon.vision.facets.fitted_rings import FittedRing, fitted_rings
 from daemon.vision.geometry import axes_in, chord_turns, fit_plane, is_simple, rings
 from daemon.vision.image import Fitted, StereoImages, fit_sides, met_covariance, sweep_of
@@ -35,7 +35,7 @@ POINTS = 24  # on an arc
 def round_facets(images: StereoImages, settings: VisionSettings) -> list[Candidate]:
     """Facets that circles bound, alone or with straight sides; and straight-sided ones with rounded corners."""
     fitted = fitted_rings(images, [view.rough(settings) for view in images.views])
-    found = [*map(_disc, filter(_is_whole, circles_seen(images))), *map(_ring, fitted)]
+    found = [*map(_disc, filter(_is_whole, find_circles(images))), *map(_ring, fitted)]
     return [one for ring in found if (one := _candidate(*ring, images)) is not None]
 
 
@@ -51,11 +51,11 @@ def is_hole_in(one: Candidate, other: Candidate) -> bool:
     return bool(np.abs(one.facet.corners_mm @ normal - level).mean() < OFF_PLANE_MM)
 
 
-def _is_whole(circle: SeenCircle) -> bool:
+def _is_whole(circle: MeasuredCircle) -> bool:
     return any(sweep_of(seen, seen.places) > WHOLE for seen in (circle.left, circle.right))
 
 
-def _disc(circle: SeenCircle) -> tuple[Array, list[bool], list[Array]]:
+def _disc(circle: MeasuredCircle) -> tuple[Array, list[bool], list[Array]]:
     """Of a disc: (N, 3) mm the corners of the ring that bounds it, anticlockwise as seen; whether the side behind each
     is a chord; and points (POINTS, 3) along each of its arcs."""
     x, y = axes_in(circle.normal)
@@ -110,5 +110,5 @@ def _candidate(corners: Array, chord: Sequence[bool], arcs: Sequence[Array], ima
     )
     (found,) = candidates([(left, right, 0.0)], geometry)
     elements = len(arcs) + chord.count(False)
-    worth = 1 + float(fitted.support.min()) - PER_ELEMENT * elements
-    return replace(found, facet=replace(found.facet, arcs=tuple(arcs)), worth=worth)
+    score = 1 + float(fitted.support.min()) - PER_ELEMENT * elements
+    return replace(found, facet=replace(found.facet, arcs=tuple(arcs)), score=score)

@@ -25,7 +25,7 @@ FACING = 0.2
 DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners
 
 
-def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
+def match_corners(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
     """For each look its corners' numbers, one number where looks measured one corner: the surest corners first, each
     the nearest that is near enough and is not of its own outline already. What one look separated only another's
     corner makes one. moved (N, 3) base, spread (N, 3, 3)."""
@@ -68,7 +68,7 @@ def _widths(points: Array, rings: list[Ring]) -> Array:
     return widths
 
 
-def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Pieces]:
+def match_facets(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Pieces]:
     """The looks' facets (look, facet) in sets of what is one facet or a piece of it, each set with the one first whose
     plane is known best. moved (N, 3) base with spread (N, 3, 3)."""
     every = [(look, f) for look, rings in enumerate(outlines) for f in range(len(rings))]
@@ -92,7 +92,7 @@ def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]
     return found
 
 
-def uncontradicted(
+def drop_contradicted(
     facets: list[Pieces], moved: list[Array], outlines: list[list[Ring]], viewpoints: Array
 ) -> list[Pieces]:
     """The sets without those that more looks deny than saw them, the most denied one left out first. A look denies a
@@ -101,7 +101,7 @@ def uncontradicted(
     shapes = [[points[list(ring)] for ring in rings] for points, rings in zip(moved, outlines, strict=True)]
     kept = list(facets)
     while kept:
-        over = [_more_deny(kept, one, shapes, viewpoints) for one in kept]
+        over = [_is_contradicted(kept, one, shapes, viewpoints) for one in kept]
         worst = int(np.argmax(over))
         if over[worst] <= 0:
             break
@@ -109,7 +109,7 @@ def uncontradicted(
     return kept
 
 
-def _more_deny(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], viewpoints: Array) -> int:
+def _is_contradicted(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], viewpoints: Array) -> int:
     """By how many more looks deny a facet than saw it."""
     saw = {look for look, _ in one}
     outline = shapes[one[0][0]][one[0][1]]
@@ -117,11 +117,11 @@ def _more_deny(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], vie
     for k, viewpoint in enumerate(viewpoints):
         if k not in saw:
             others = [shapes[look][ring] for other in facets if other is not one for look, ring in other if look == k]
-            denied += _denies(others, outline, viewpoint)
+            denied += _contradicts(others, outline, viewpoint)
     return denied - len(saw)
 
 
-def _denies(others: list[Array], outline: Array, viewpoint: Array) -> bool:
+def _contradicts(others: list[Array], outline: Array, viewpoint: Array) -> bool:
     """Whether one of the outlines (N, 3) that were seen from there lies where most of this one should be, or behind."""
     if newell_normal(outline) @ (viewpoint - outline.mean(0)) < FACING * np.linalg.norm(viewpoint - outline.mean(0)):
         return False
@@ -138,7 +138,7 @@ def _denies(others: list[Array], outline: Array, viewpoint: Array) -> bool:
     return bool(denied.mean() > 0.5)
 
 
-def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
+def connected_by_marks(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
     """Connected components of facets that share a mark: a corner, or a group in a look."""
     return connected(np.array([[one is other or not one.isdisjoint(other) for other in marks] for one in marks], bool))
 

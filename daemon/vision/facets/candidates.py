@@ -36,7 +36,7 @@ class Candidate:
     facet: Facet
     left: Fitted
     right: Fitted
-    worth: float
+    score: float
     left_shape: PlanarShape
     right_shape: PlanarShape
 
@@ -81,9 +81,9 @@ def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baselin
     facets = triangulate([(left.polygon.measured, right.polygon.measured) for left, right, _ in fitted], geometry)
     found = []
     for facet, (left, right, support) in zip(facets, fitted, strict=True):
-        worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
+        score = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
         found.append(
-            Candidate(facet, left, right, worth, PlanarShape.of(facet.left_px), PlanarShape.of(facet.right_px))
+            Candidate(facet, left, right, score, PlanarShape.of(facet.left_px), PlanarShape.of(facet.right_px))
         )
     return found
 
@@ -118,7 +118,7 @@ def choose(
     with arcs before one whose sides are all straight; and those refused, with the reason: one that is not flat is two
     facets."""
     chosen, refused = list[Candidate](), list[tuple[Candidate, str]]()
-    for c in sorted(candidates, key=lambda c: (not c.facet.arcs, -c.worth)):
+    for c in sorted(candidates, key=lambda c: (not c.facet.arcs, -c.score)):
         if _flatness_sigmas(c.facet) > settings.planarity_sigmas:
             refused.append((c, "its corners do not lie in one plane: it is two facets"))
         elif not any(c.covers(k) > COVERED for k in chosen):

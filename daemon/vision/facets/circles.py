@@ -32,7 +32,7 @@ ONE_MM = 1.0
 """Circles whose centres and radii differ by less are one."""
 
 
-class SeenCircle(NamedTuple):
+class MeasuredCircle(NamedTuple):
     """centre_mm, normal (3,), unit, towards the cameras, radius_mm, cyclopean; covariance (6, 6) of the centre, mm, of
     the normal along two axes across it, rad, and of the radius, mm; left, right: the ellipses it was measured by."""
 
@@ -44,7 +44,7 @@ class SeenCircle(NamedTuple):
     right: Ellipse
 
 
-def circles_seen(images: StereoImages, radii_mm: Array | None = None) -> list[SeenCircle]:
+def find_circles(images: StereoImages, radii_mm: Array | None = None) -> list[MeasuredCircle]:
     """The circles of about some radii (R,) mm, or of any, whose images are ellipses in both cameras, the best seen
     first."""
     geometry = images.geometry
@@ -58,13 +58,13 @@ def circles_seen(images: StereoImages, radii_mm: Array | None = None) -> list[Se
     fitted, rms, covariance = _nearest_to_both(near, left, right, geometry)
     count = np.array([len(one.places) + len(other.places) for one, other in zip(left.found, right.found, strict=True)])
     good = np.flatnonzero((rms < MOST_OFF_PX) & _near_a_radius(fitted.radius_mm, radii_mm, 0.0))
-    kept = list[SeenCircle]()
+    kept = list[MeasuredCircle]()
     for k in good[np.argsort(rms[good] / np.sqrt(count[good]), kind="stable")]:
         centre, normal, radius = fitted.centre_mm[k], fitted.normal[k], float(fitted.radius_mm[k])
         if all(np.linalg.norm(centre - other.centre_mm) + abs(radius - other.radius_mm) > ONE_MM for other in kept):
             towards = np.sign(float(normal @ (geometry.middle_mm - centre))) or 1.0
             ellipses = left.found[k], right.found[k]
-            kept.append(SeenCircle(centre, towards * normal, radius, covariance[k], *ellipses))
+            kept.append(MeasuredCircle(centre, towards * normal, radius, covariance[k], *ellipses))
     return kept
 
 
@@ -137,7 +137,7 @@ def _near_a_radius(radius_mm: Array, radii_mm: Array | None, share: Array | floa
 
 
 class _Circles(NamedTuple):
-    """N circles as SeenCircle has one: centre_mm, normal (N, 3), radius_mm (N,)."""
+    """N circles as MeasuredCircle has one: centre_mm, normal (N, 3), radius_mm (N,)."""
 
     centre_mm: Array
     normal: Array
@@ -166,7 +166,7 @@ def _nearest_to_both(
     near: _Circles, left: _InIdeal, right: _InIdeal, geometry: Baseline
 ) -> tuple[_Circles, Array, Array]:
     """The circles whose images lie nearest to the places of both ellipses, the rms (N,) by which, px, and their
-    covariance (N, 6, 6) as SeenCircle has it."""
+    covariance (N, 6, 6) as MeasuredCircle has it."""
     places = np.stack([left.places(), right.places()], 1)
     turn = geometry.cyclopean_from_baseline
     rays = places @ turn[:, :2].T + turn[:, 2]

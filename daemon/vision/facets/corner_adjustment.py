@@ -29,9 +29,9 @@ def adjust_corners(members: list[Candidate], group: Group, geometry: Baseline) -
     here, after, _ = solid.steps
     ends = np.array([here, after]).T
     weight = np.array([0.5 if (b, a) in edges else 1.0 for a, b in ends.tolist()])
-    left = pulls([c.left.sides for c in members], ends, weight, geometry.left)
-    right = pulls([c.right.sides for c in members], ends, weight, geometry.right)
-    adjusted = settle(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
+    left = edge_observations([c.left.sides for c in members], ends, weight, geometry.left)
+    right = edge_observations([c.right.sides for c in members], ends, weight, geometry.right)
+    adjusted = solve_corners(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
     ideal = geometry.project(adjusted.corners_mm)
     left_px, right_px = (camera.pixels(px) for camera, px in zip((geometry.left, geometry.right), ideal, strict=True))
     redrawn = (
@@ -60,7 +60,7 @@ class EdgeObservations:
     weight: Array
 
 
-def pulls(sides: Sequence[Sides], ends: Index, weight: Array, camera: RectifiedCamera) -> EdgeObservations:
+def edge_observations(sides: Sequence[Sides], ends: Index, weight: Array, camera: RectifiedCamera) -> EdgeObservations:
     """All facets' sides in one camera, one facet's after the other's; ends and weight as EdgeObservations has them."""
     start, end = camera.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
     x, y = (end - start).T
@@ -80,7 +80,7 @@ class AdjustedCorners:
     misfit: float
 
 
-def settle(
+def solve_corners(
     start_mm: Array, left: EdgeObservations, right: EdgeObservations, planes: Sequence[Index], geometry: Baseline
 ) -> AdjustedCorners:
     """Least-squares corners (V, 3) mm, from a start near the answer. planes: corner numbers of each facet of four or
@@ -98,14 +98,14 @@ def settle(
     )  # fmt: skip
     own = len(left.ends)
     shift_mm = np.repeat([half, -half], [own, len(right.ends)])
-    alike = planes_alike(planes)
+    by_size = planes_by_size(planes)
     trust, flat = both.weight, np.zeros((0, count))
     slopes, held = np.zeros((len(trust), 2, count)), 1e-9 * np.eye(count)
     for turn_number in range(_ROUNDS):
         residual = _offsets(points, both, shift_mm)
         if turn_number < _LINEARISED:
             slopes = _slopes(points, both, shift_mm)
-            flat = flatness(points, alike)
+            flat = flatness(points, by_size)
             held = flat.T @ flat + 1e-9 * np.eye(count)
         size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
@@ -132,37 +132,39 @@ def _spread(size: Array, trust: Array) -> float:
     return max(1.0, float(trust @ size) / max(2 * float(trust.sum()), 1.0))
 
 
-def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+def _offsets(points: Array, observations: EdgeObservations, shift_mm: Array) -> Array:
     """Whitened offsets (S, 2) of both corners of each side from its line. shift_mm (S,): from the camera that saw each
     to the middle of the baseline.
     """
-    x, y, z = points[seen.ends].transpose(2, 0, 1)
-    a, b, c = seen.line.T[:, :, None]
+    x, y, z = points[observations.ends].transpose(2, 0, 1)
+    a, b, c = observations.line.T[:, :, None]
     off = (a * (x + shift_mm[:, None]) + b * y) / z + c
-    return np.asarray((seen.whiten @ off[..., None])[..., 0])
+    return np.asarray((observations.whiten @ off[..., None])[..., 0])
 
 
-def _slopes(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+def _slopes(points: Array, observations: EdgeObservations, shift_mm: Array) -> Array:
     """The offsets' derivatives (S, 2, 3 V) by all corners."""
-    x, y, z = points[seen.ends].transpose(2, 0, 1)
-    a, b, _ = seen.line.T[:, :, None]
+    x, y, z = points[observations.ends].transpose(2, 0, 1)
+    a, b, _ = observations.line.T[:, :, None]
     slope = np.stack([a / z, b / z, -(a * (x + shift_mm[:, None]) + b * y) / z**2], 2)
     sides, n = len(z), len(points)
     slopes = np.zeros((sides, n, 2, 3))
-    slopes[np.arange(sides)[:, None], seen.ends] = seen.whiten.swapaxes(1, 2)[..., None] * slope[:, :, None]
+    slopes[np.arange(sides)[:, None], observations.ends] = (
+        observations.whiten.swapaxes(1, 2)[..., None] * slope[:, :, None]
+    )
     return slopes.transpose(0, 2, 1, 3).reshape(sides, 2, 3 * n)
 
 
-def planes_alike(planes: Sequence[Index]) -> list[Index]:
+def planes_by_size(planes: Sequence[Index]) -> list[Index]:
     """Corner numbers of planes, those of as many corners together: (P, K) each."""
     return [np.array([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
 
 
-def flatness(points: Array, alike: Sequence[Index]) -> Array:
+def flatness(points: Array, by_size: Sequence[Index]) -> Array:
     """Rows (R, 3 V) that take all corners' coordinates to how far those of each plane are off it, in PLANE_MM; a plane
     is free to move and tilt. alike: from planes_alike.
     """
-    return np.concatenate([np.zeros((0, points.size)), *(_flatness(points, planes) for planes in alike)])
+    return np.concatenate([np.zeros((0, points.size)), *(_flatness(points, planes) for planes in by_size)])
 
 
 def _flatness(points: Array, planes: Index) -> Array:

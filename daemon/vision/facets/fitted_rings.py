@@ -175,7 +175,7 @@ def fitted_rings(images: StereoImages, rough: Sequence[Sequence[RoughPolygon]]) 
                 continue
             px_mm = float(np.linalg.norm(origin - images.geometry.middle_mm)) / images.geometry.left.focal_px
             fits = [_fitted(sketch, images) for sketch in _sketches(origin, axes, ring, px_mm)]
-            found += [max(fits, key=lambda fit: fit[1])[0]] if any(worth > 0 for _, worth in fits) else []
+            found += [max(fits, key=lambda fit: fit[1])[0]] if any(score > 0 for _, score in fits) else []
     return found
 
 

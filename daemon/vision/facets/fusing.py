@@ -12,10 +12,18 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets.association import OF_SHORTEST, Pieces, Ring, one_corner, one_facet, one_thing, uncontradicted
+from daemon.vision.facets.association import (
+    OF_SHORTEST,
+    Pieces,
+    Ring,
+    connected_by_marks,
+    drop_contradicted,
+    match_corners,
+    match_facets,
+)
 from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.looks_adjustment import LEAST_MM2, FusedCorners, LookCorners, adjusted, shared_motion
-from daemon.vision.facets.outlining import LEAST_SINE, Plane, outlines, plane_of, supposed
+from daemon.vision.facets.looks_adjustment import LEAST_MM2, FusedCorners, LookCorners, adjust_looks, shared_motion
+from daemon.vision.facets.outlining import LEAST_SINE, Plane, assumed_plane, fit_facet_plane, outlines
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity, sides_of
 from daemon.vision.values import Facet, Group
 
@@ -23,7 +31,7 @@ WELD_MM = 1.5  # how far a measured corner may lie from where the planes meet in
 
 
 @dataclass(frozen=True, eq=False)
-class SeenFrom:
+class LookFacets:
     """What one look measured of a thing, and from where. groups: facets in the cyclopean frame, with the covariance of
     the pixels alone; base_from_cyclopean (4, 4) as the arm says; covariance (6, 6) of what errs in it anew each time;
     focal_px, baseline_mm: the rig's, for what an error of all looks does in this one."""
@@ -36,7 +44,7 @@ class SeenFrom:
 
 
 @dataclass(frozen=True, eq=False)
-class Fused:
+class FusedLooks:
     """What is known of a thing from the looks so far.
 
     looks: as they were given; base_from_cyclopean (L, 4, 4): their places as all looks together have them; polyhedron:
@@ -47,36 +55,36 @@ class Fused:
     what is left, sigmas.
     """
 
-    looks: tuple[SeenFrom, ...]
+    looks: tuple[LookFacets, ...]
     base_from_cyclopean: Array
     polyhedron: Polyhedron
     covariance_mm2: Array
-    seen_mm2: Array
+    outlined_mm2: Array
     looks_at: Index
     misfit: float
 
     @property
     def seen(self) -> Flags:
         """(L, F) which look saw which facet."""
-        return np.asarray(self.seen_mm2 > 0)
+        return np.asarray(self.outlined_mm2 > 0)
 
     @property
     def hidden(self) -> Array:
         """(L, F) which share of each facet a look left hidden."""
         whole = np.linalg.norm(self.polyhedron.areas_mm2, axis=1)
-        return np.asarray(np.clip(1.0 - self.seen_mm2 / np.maximum(whole, 1e-9), 0.0, 1.0))
+        return np.asarray(np.clip(1.0 - self.outlined_mm2 / np.maximum(whole, 1e-9), 0.0, 1.0))
 
     @property
     def confirmed(self) -> Flags:
         """(F,) the facets that were seen from two places or more."""
         return np.asarray(self.seen.sum(0) > 1)
 
-    def things(self) -> list[list[int]]:
+    def connected_facets(self) -> list[list[int]]:
         """Facets that hang together by shared edges."""
         return connected(self.polyhedron.touching)
 
 
-def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None) -> Fused | None:
+def fuse(looks: Sequence[LookFacets], shared: Array, table_mm: float | None = None) -> FusedLooks | None:
     """Everything the looks measured, as one; None where they measured nothing.
 
     One more look is one more in the sequence: the answer is that of all of them, whatever their order. shared (9, 9):
@@ -94,23 +102,23 @@ def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None
         moved = [_based(one, place, error) for one, place in zip(seen, places, strict=True)]
         spread = [place[:3, :3] @ one.covariance_mm2 @ place[:3, :3].T for one, place in zip(seen, places, strict=True)]
         wide = [c + _doubt(one, shared) for c, one in zip(spread, seen, strict=True)] if doubted else spread
-        owner, facets = one_corner(moved, wide, rings), one_facet(moved, spread, rings)
+        owner, facets = match_corners(moved, wide, rings), match_facets(moved, spread, rings)
         seen = [replace(one, owner=numbers) for one, numbers in zip(seen, owner, strict=True)]
         if doubted:
-            whole = adjusted(seen, _planes(facets, rings, owner), shared)
+            whole = adjust_looks(seen, _planes(facets, rings, owner), shared)
             places, error = list(whole.places), whole.error
     assert whole is not None
-    facets = uncontradicted(facets, moved, rings, whole.places[:, :3, 3])
+    facets = drop_contradicted(facets, moved, rings, whole.places[:, :3, 3])
     groups = [[k for k, group in enumerate(one.groups) for _ in group.facets] for one in looks]
     pieces = _Measured(rings, groups, owner, facets, moved, spread)
-    floor = () if table_mm is None else (supposed(np.array([0.0, 0.0, table_mm]), np.array([0.0, 0.0, 1.0])),)
+    floor = () if table_mm is None else (assumed_plane(np.array([0.0, 0.0, table_mm]), np.array([0.0, 0.0, 1.0])),)
     shapes = _shapes(pieces, floor)
     often = [ring for ring, k in shapes if pieces.looks(k) > 1] or [ring for ring, _ in shapes]
     shapes = _shapes(pieces, (*floor, *_behind(*_numbered(pieces, often))))
     numbered, corners = _numbered(pieces, [ring for ring, _ in shapes])
     unseen = corners[1 + max(int(numbers.max()) for numbers in owner if len(numbers)) :]
     flat = _planes(facets, rings, owner, [(k, ring) for (_, k), ring in zip(shapes, numbered, strict=True)])
-    final = adjusted(seen, flat, shared, unseen)
+    final = adjust_looks(seen, flat, shared, unseen)
     return _fused(looks, final, pieces, [(k, ring) for (_, k), ring in zip(shapes, numbered, strict=True)])
 
 
@@ -151,8 +159,8 @@ def _shapes(pieces: _Measured, unseen: Sequence[Plane]) -> list[tuple[Array, int
     """Outlines (N, 3) base of all facets, and which set of pieces each is of. unseen: planes that may bound them."""
     found = []
     marks = [{mark for k, f in one for mark in pieces.marks(k, f)} for one in pieces.facets]
-    for members in one_thing(marks):
-        planes = [plane_of(pieces.outlines(k), pieces.doubts(k), pieces.looks(k)) for k in members]
+    for members in connected_by_marks(marks):
+        planes = [fit_facet_plane(pieces.outlines(k), pieces.doubts(k), pieces.looks(k)) for k in members]
         found += [(ring, k) for k, rings in zip(members, outlines(planes, unseen), strict=True) for ring in rings]
     return found
 
@@ -171,7 +179,7 @@ def _behind(rings: Sequence[Ring], places: Array) -> list[Plane]:
         normal = np.cross(places[b] - places[a], places[d] - places[c])
         size = np.linalg.norm(places[b] - places[a]) * np.linalg.norm(places[d] - places[c])
         if np.linalg.norm(normal) > LEAST_SINE * size:
-            found.append(supposed(at, normal))
+            found.append(assumed_plane(at, normal))
     return found
 
 
@@ -215,7 +223,7 @@ def _planes(
     return [plane for plane in found if len(plane) > 3]
 
 
-def group_of(fused: Fused, members: Sequence[int], cyclopean_from_base: Array, rig: StereoRig) -> Group:
+def group_of(fused: FusedLooks, members: Sequence[int], cyclopean_from_base: Array, rig: StereoRig) -> Group:
     """Some facets of what is known as a look from there would have measured them, seen from there or not: what a
     recogniser takes. Each corner has its own covariance."""
     solid, facets = fused.polyhedron, []
@@ -229,7 +237,7 @@ def group_of(fused: Fused, members: Sequence[int], cyclopean_from_base: Array, r
     return Group(tuple(facets), tuple(solid.facets[k] for k in members))
 
 
-def only(fused: Fused, members: Sequence[int]) -> Fused:
+def only(fused: FusedLooks, members: Sequence[int]) -> FusedLooks:
     """What is known, of some of its facets alone."""
     corners = fused.polyhedron.corners_of(members)
     at = (3 * corners[:, None] + np.arange(3)).ravel()
@@ -237,7 +245,7 @@ def only(fused: Fused, members: Sequence[int]) -> Fused:
         fused,
         polyhedron=fused.polyhedron.only(members),
         covariance_mm2=fused.covariance_mm2[np.ix_(at, at)],
-        seen_mm2=fused.seen_mm2[:, list(members)],
+        outlined_mm2=fused.outlined_mm2[:, list(members)],
         looks_at=fused.looks_at[corners],
     )
 
@@ -251,7 +259,7 @@ def _rings(groups: Sequence[Group]) -> list[Ring]:
     return found
 
 
-def _corners(look: SeenFrom) -> LookCorners:
+def _corners(look: LookFacets) -> LookCorners:
     solids = [group.polyhedron for group in look.groups]
     points = np.concatenate([np.zeros((0, 3)), *(solid.corners_mm for solid in solids)])
     spread = np.concatenate([np.zeros((0, 3, 3)), *(solid.covariance_mm2 for solid in solids)])
@@ -275,8 +283,8 @@ def _doubt(one: LookCorners, shared: Array) -> Array:
 
 
 def _fused(
-    looks: Sequence[SeenFrom], whole: FusedCorners, pieces: _Measured, shapes: Sequence[tuple[int, Ring]]
-) -> Fused:
+    looks: Sequence[LookFacets], whole: FusedCorners, pieces: _Measured, shapes: Sequence[tuple[int, Ring]]
+) -> FusedLooks:
     """shapes: (set of pieces, ring); of two that claim one side of an edge that which was seen oftener stays."""
     edges, kept = set[tuple[int, int]](), list[tuple[int, Ring]]()
     for k, ring in sorted(shapes, key=lambda shape: -len(pieces.facets[shape[0]])):
@@ -298,5 +306,5 @@ def _fused(
     here = np.arange(len(whole.corners_mm))
     blocks = whole.covariance_mm2.reshape(len(here), 3, len(here), 3)[here, :, here, :]
     solid = Polyhedron(whole.corners_mm, tuple(ring for _, ring in kept), blocks)
-    every = Fused(tuple(looks), whole.places, solid, whole.covariance_mm2, seen, measured, whole.misfit)
+    every = FusedLooks(tuple(looks), whole.places, solid, whole.covariance_mm2, seen, measured, whole.misfit)
     return only(every, range(len(kept)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Index
-from daemon.vision.facets.corner_adjustment import flatness, planes_alike
+from daemon.vision.facets.corner_adjustment import flatness, planes_by_size
 from daemon.vision.geometry import robust_weight, solve, whitener
 
 OUTLIER = 8.0  # sigmas off at which a corner counts a quarter: three residuals each, of errors that are predicted well
@@ -57,7 +57,7 @@ def shared_motion(points_mm: Array, focal_px: float, baseline_mm: float) -> Arra
     return rows
 
 
-def adjusted(
+def adjust_looks(
     looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array, unseen: Array = NONE
 ) -> FusedCorners:
     """Least-squares corners, places and shared errors. planes: corner numbers of each facet of four or more; shared
@@ -80,7 +80,7 @@ def adjusted(
         at = slice(first + 6 * k, first + 6 * k + 6)
         prior[at, at] = np.linalg.inv(one.covariance)
     prior[last:, last:] = np.linalg.inv(shared)
-    alike = planes_alike(planes)
+    alike = planes_by_size(planes)
     places, off, trust = [one.base_from_cyclopean for one in looks], np.zeros(last + 9), np.ones(len(owner))
     hessian, squares = prior, 0.0
     for turn in range(ROUNDS):

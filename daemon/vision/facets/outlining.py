@@ -58,7 +58,7 @@ class Plane:
         return points @ self.axes + self.origin
 
 
-def plane_of(pieces: Sequence[Array], doubts: Sequence[Array], looks: int) -> Plane:
+def fit_facet_plane(pieces: Sequence[Array], doubts: Sequence[Array], looks: int) -> Plane:
     """The plane of pieces of one facet: outlines (N, 3) mm, how far each corner may be off (N,) mm, and how many looks
     they are of."""
     points, weight = np.concatenate(pieces), np.concatenate(doubts) ** -2
@@ -72,7 +72,7 @@ def plane_of(pieces: Sequence[Array], doubts: Sequence[Array], looks: int) -> Pl
     return Plane(origin, frame, normal, level, tuple(doubts), tuple(pieces), looks)
 
 
-def supposed(origin: Array, normal: Array) -> Plane:
+def assumed_plane(origin: Array, normal: Array) -> Plane:
     """A plane that no piece was seen of: through a point (3,), with a normal (3,) of any length."""
     return Plane(origin, axes_in(normal), normal / np.linalg.norm(normal), (), (), (), 0)
 

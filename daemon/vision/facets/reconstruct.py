@@ -22,7 +22,7 @@ from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 _DETECTED_PX = 0.7
 UNMATCHED = "no polygon of the other camera fits along its epipolar lines"
 STOOD_ON = "the part would stand on this facet: it is a shadow or a mark on the table"
-Welded = tuple[list[Candidate], Group]
+CandidateGroup = tuple[list[Candidate], Group]
 """Candidates that hang together by shared edges, and their facets as a group."""
 
 
@@ -35,10 +35,10 @@ def find_facets(
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
     images, chosen = open_stereo(left, right, rig), settings or VisionSettings()
-    return with_lone_outlines(facets_seen(images, chosen, round_facets(images, chosen)), images, chosen)
+    return with_single_camera_outlines(facets_of_images(images, chosen, round_facets(images, chosen)), images, chosen)
 
 
-def facets_seen(images: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:
+def facets_of_images(images: StereoImages, settings: VisionSettings, rounded: Sequence[Candidate] = ()) -> FacetView:
     """The facets that both cameras outline, of images already opened, which make nothing twice. rounded: those with
     arcs in their outline."""
     outlines = outlines_of(images, settings, in_one=False)
@@ -48,7 +48,7 @@ def facets_seen(images: StereoImages, settings: VisionSettings, rounded: Sequenc
     return _with_unmatched(_grouped(chosen, refused, images, settings), outlines)
 
 
-def with_lone_outlines(view: FacetView, images: StereoImages, settings: VisionSettings) -> FacetView:
+def with_single_camera_outlines(view: FacetView, images: StereoImages, settings: VisionSettings) -> FacetView:
     """The view with what one camera alone outlines as well among what is refused: a shock to the rig shows by it."""
     return _with_unmatched(view, outlines_of(images, settings, in_one=True))
 
@@ -70,15 +70,15 @@ def _grouped(
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, images, settings) for c in chosen]
     groups, under_parts = list[Group](), list[Candidate]()
-    for members, group in _welded(chosen):
-        whole = _settled(members, group, images.geometry, settings)
+    for members, group in _merge_candidates(chosen):
+        whole = _with_adjusted_corners(members, group, images.geometry, settings)
         under = lying_under(whole.facets)
         if not under:
             groups.append(whole)
             continue
         under_parts += [members[k] for k in under]
-        for rest, own in _welded([c for k, c in enumerate(members) if k not in under]):
-            groups.append(_settled(rest, own, images.geometry, settings))
+        for rest, own in _merge_candidates([c for k, c in enumerate(members) if k not in under]):
+            groups.append(_with_adjusted_corners(rest, own, images.geometry, settings))
     if settings.stereo_formula != "exact":
         groups = [replace(g, facets=tuple(_by_formula(g.facets, images.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
@@ -90,7 +90,7 @@ def _grouped(
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
 
 
-def _welded(candidates: list[Candidate]) -> list[Welded]:
+def _merge_candidates(candidates: list[Candidate]) -> list[CandidateGroup]:
     """Sets of candidates that hang together by shared edges, each with its facets as a group."""
     if not candidates:
         return []
@@ -101,7 +101,9 @@ def _welded(candidates: list[Candidate]) -> list[Welded]:
     return [([candidates[k] for k in members], whole.only(members)) for members in sets]
 
 
-def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:
+def _with_adjusted_corners(
+    members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings
+) -> Group:
     """The group, its corners estimated together unless they are to stay where a detector put them; what turns out to be
     one corner only then is estimated as one."""
     if settings.corner_detector != "line_fit":

@@ -123,13 +123,13 @@ def _taken_from(
     return np.ascontiguousarray(many[EVERY : EVERY + tall, EVERY : EVERY + wide].transpose(2, 0, 1), np.float32)
 
 
-def seen_table(images: StereoImages, known: TablePlane | None = None) -> TablePlane | None:
+def estimate_table(images: StereoImages, table: TablePlane | None = None) -> TablePlane | None:
     """The plane that most of both pictures shows, if there is one. known: about as it should lie; unless the cameras
     are upright it is not seen without that where it is steep in them."""
     if _plain(images.left):
         return None
     tall, wide = images.left.grey.shape
-    for slant in SLANTS if known is None else (_slant(known, images.geometry),):
+    for slant in SLANTS if table is None else (_slant(table, images.geometry),):
         canvas = rectified(images.geometry, wide, tall, slant)
         pictures = _pictures(images, canvas)
         disparities = _disparities(pictures, canvas)

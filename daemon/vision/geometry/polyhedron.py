@@ -159,7 +159,7 @@ class Polyhedron:
         ends, facet = self.lines[0], self.beside[:, 0]
         open_, round_ = self.beside[:, 1] < 0, self.circles[:, 3] > 0
         way = self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]
-        along = np.where(self.hands[:, 1] == facet, 1.0, -1.0)[:, None]
+        along = np.where(self.sides_of_lines[:, 1] == facet, 1.0, -1.0)[:, None]
         away = np.cross(along * way, self.normals[facet])
         found = (round_ & open_)[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
         arcs = np.flatnonzero(round_ & open_)
@@ -188,7 +188,7 @@ class Polyhedron:
         return np.where(np.arange(2) < bounds.sum(0)[:, None], facets, -1)
 
     @cached_property
-    def hands(self) -> Index:
+    def sides_of_lines(self) -> Index:
         """(E, 2) the facets on either hand of each of the lines, seen from outside: first the one that runs against the
         line, then the one that runs along it; -1 where there is none."""
         pairs = self.lines[0].tolist()
@@ -201,7 +201,7 @@ class Polyhedron:
         one facet is not known it is taken for square to the other; zero along hollows."""
         known, ends = self.beside, self.lines[0]
         normals = np.vstack([self.normals, np.zeros(3)])[known]
-        onward = self.hands[:, 1] == known[:, 0]
+        onward = self.sides_of_lines[:, 1] == known[:, 0]
         away = np.cross(self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]], normals[:, 0])
         away = (
             np.where(onward, 1.0, -1.0)[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
@@ -211,7 +211,7 @@ class Polyhedron:
         return np.asarray(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9))
 
     @cached_property
-    def alike_behind(self) -> tuple[tuple[int, Index, Array], ...]:
+    def parallel_behind(self) -> tuple[tuple[int, Index, Array], ...]:
         """Facets that lie behind others that face the same way: the number of each, those of the lines (N,) that bound
         the others, and unit vectors (N, 3) away from these others in their planes."""
         levels, (ends, bounds), found = (self.normals * self.centres_mm).sum(1), self.lines, []
@@ -221,7 +221,7 @@ class Polyhedron:
             lines, others = np.nonzero(bounds[before].T)
             if len(lines):
                 other = np.flatnonzero(before)[others]
-                onward = np.where(self.hands[lines, 1] == other, 1.0, -1.0)[:, None]
+                onward = np.where(self.sides_of_lines[lines, 1] == other, 1.0, -1.0)[:, None]
                 aside = np.cross(onward * way[lines], self.normals[other])
                 found.append((facet, lines, aside / np.linalg.norm(aside, axis=1, keepdims=True)))
         return tuple(found)
@@ -265,7 +265,7 @@ class Polyhedron:
         return np.asarray(np.add.reduceat(self.corners_mm[here], first) / sides[:, None])
 
     @cached_property
-    def laid_flat(self) -> Array:
+    def flat_from_solid(self) -> Array:
         """(F, 4, 4) the motions that lay each facet into z = 0, its middle at the origin, its first side along x."""
         sides = np.array([self.corners_mm[ring[1]] - self.corners_mm[ring[0]] for ring in self.rings]).reshape(-1, 3)
         x = sides - self.normals * np.sum(sides * self.normals, 1, keepdims=True)

@@ -55,16 +55,16 @@ def hidden(solid: Polyhedron, points: Array, viewpoint: Array) -> Flags:
     return covered
 
 
-def before_alike(solid: Polyhedron, places: Array, viewpoint: Array) -> Flags:
+def hides_parallel_facet(solid: Polyhedron, places: Array, viewpoint: Array) -> Flags:
     """(E, S) which places (E, S, 3) along the lines of a solid a camera (3,) in its frame sees before a facet that
     faces the same way as the only one that it sees beside the edge: both are as bright, and no edge shows."""
     found = np.zeros(places.shape[:2], bool)
-    for facet, lines, aside in solid.alike_behind:
+    for facet, lines, aside in solid.parallel_behind:
         normal, corner = solid.normals[facet], solid.corners_mm[solid.rings[facet][0]]
         of_viewpoint = float((viewpoint - corner) @ normal)
         if of_viewpoint <= 0:
             continue
-        there, other = places[lines], solid.hands[lines]
+        there, other = places[lines], solid.sides_of_lines[lines]
         other = np.where((solid.normals[other] @ normal > PARALLEL) & (other >= 0), -1, other).max(1)
         middle = there.mean(1)
         shows = ((viewpoint - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[lines])).sum(1)

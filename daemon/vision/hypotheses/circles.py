@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Index
-from daemon.vision.facets import SeenCircle, differs_mm
+from daemon.vision.facets import MeasuredCircle, differs_mm
 from daemon.vision.geometry import Polyhedron, SolidBatch, axes_in, circle_along
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.model import symmetries
@@ -69,7 +69,7 @@ def taught_radii(shapes: tuple[Polyhedron, ...]) -> Array:
     return np.unique([round(rim.radius_mm, 3) for solid in shapes for rim in rims_of(solid)])
 
 
-def poses_from_circles(seen: Sequence[SeenCircle], solids: SolidBatch) -> tuple[PoseBatch, Array]:
+def poses_from_circles(seen: Sequence[MeasuredCircle], solids: SolidBatch) -> tuple[PoseBatch, Array]:
     """Taught rims laid onto circles that are seen, in every turn about their axes; and nats (G,) that speak for each
     as further circles lie where it has rims."""
     part, poses, nats = list[Index](), list[Array](), list[Array]()
@@ -108,7 +108,7 @@ def turns_about_axis(solid: Polyhedron) -> Array:
     return np.asarray(axes @ frames.rigid(turns[: len(turns) // alike], np.zeros(3)) @ frames.inverse(axes))
 
 
-def _met(poses: Array, solid: Polyhedron, seen: Sequence[SeenCircle]) -> Array:
+def _met(poses: Array, solid: Polyhedron, seen: Sequence[MeasuredCircle]) -> Array:
     """(G,) on how many of seen circles a solid at poses (G, 4, 4) has a rim."""
     rims = rims_of(solid)
     radii, sizes = (np.array([one.radius_mm for one in every]) for every in (rims, seen))

@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets import SeenCircle, circles_seen
+from daemon.vision.facets import MeasuredCircle, find_circles
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
 from daemon.vision.hypotheses.circles import poses_from_circles, taught_radii
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
@@ -32,7 +32,7 @@ from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting
 from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_poses
 from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import kinds_of, places_of, suspected
+from daemon.vision.recognition import facet_kind_counts, facet_placements, suspected_poses
 from daemon.vision.refine import turned
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
@@ -71,9 +71,9 @@ class Search:
         return self.images.uncluttered(VisionSettings())
 
     @cached_property
-    def circles(self) -> list[SeenCircle]:
+    def circles(self) -> list[MeasuredCircle]:
         """Circles that both cameras see, of about the radii of taught rims."""
-        return circles_seen(self.images, taught_radii(taught_solids(self.model).shapes))
+        return find_circles(self.images, taught_radii(taught_solids(self.model).shapes))
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
@@ -105,8 +105,8 @@ def prepare(model: Model) -> None:
     """Make what is made once of taught parts, and kept for all looks: .5 s of a thousand on a desktop's core."""
     shapes = taught_solids(model).shapes
     if shapes:
-        places_of(shapes)
-        kinds_of(shapes)
+        facet_placements(shapes)
+        facet_kind_counts(shapes)
         junction_kinds(shapes)
         taught_radii(shapes)
         resting_junctions_of(shapes)
@@ -145,7 +145,7 @@ def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
     """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
-    found = [suspected(facet, search.model) for group in search.unnamed for facet in group.facets]
+    found = [suspected_poses(facet, search.model) for group in search.unnamed for facet in group.facets]
     part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
     posed = PoseBatch(
         taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)])

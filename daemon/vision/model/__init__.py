@@ -1,7 +1,7 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
 from daemon.vision.model.aspect_sets import Aspect, aspects, spread
-from daemon.vision.model.correspond import Correspondence, correspondences, spread_from
+from daemon.vision.model.correspond import Correspondence, correspondences, correspondences_from
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
     FacetLibrary,
@@ -13,7 +13,7 @@ from daemon.vision.model.facet_types import (
     type_facet,
     type_number,
 )
-from daemon.vision.model.merge import MetricModel, best_laid, fit_shared, merge_views
+from daemon.vision.model.merge import MetricModel, corresponding_facets, fit_shared, merge_views
 from daemon.vision.model.model import (
     Model,
     TaughtView,

@@ -61,7 +61,7 @@ def merge_views(
     return MetricModel(_in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
 
 
-def best_laid(view: Polyhedron, whole: Polyhedron, tolerance_mm: float) -> tuple[int, ...] | None:
+def corresponding_facets(view: Polyhedron, whole: Polyhedron, tolerance_mm: float) -> tuple[int, ...] | None:
     """The facet of `whole` behind each facet of a view of it, laid edge to edge where it fits best; None where not all
     of them fit together. A facet beyond an edge behind which `whole` knows another is followed from that."""
     ways = [way for way in correspondences(view, whole) if way.explained == len(view.facets)]
@@ -173,7 +173,7 @@ def _same_shape(one: Array, other: Array) -> bool:
 
 
 def _in_part_frame(solid: Polyhedron) -> Polyhedron:
-    corners, part_from_look = solid.corners_mm, solid.laid_flat[0, :3, :3]
+    corners, part_from_look = solid.corners_mm, solid.flat_from_solid[0, :3, :3]
     return replace(
         solid,
         corners_mm=(corners - corners.mean(0)) @ part_from_look.T,

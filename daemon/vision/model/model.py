@@ -17,7 +17,7 @@ from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model.aspect_sets import aspects
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import MetricModel, best_laid, merge_views
+from daemon.vision.model.merge import MetricModel, corresponding_facets, merge_views
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 from daemon.vision.settings import MemorySettings
 from daemon.vision.values import Group
@@ -176,7 +176,7 @@ def _joined(model: Model, label: str, merged: MetricModel) -> Model:
         if view.label != label:
             continue
         if view.solid is not None:
-            laid = best_laid(view.solid, merged.solid, model.parameters.tolerance_mm)
+            laid = corresponding_facets(view.solid, merged.solid, model.parameters.tolerance_mm)
             views[k] = view = replace(view, sides=laid or (-1,) * len(view.sides))
         if -1 not in view.sides:
             joined.append(own)

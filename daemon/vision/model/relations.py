@@ -39,29 +39,31 @@ def types_of(facets: Iterable[Facet], library: FacetLibrary) -> tuple[tuple[str,
 
 
 def relational_view(
-    seen: Polyhedron, types: Sequence[Sequence[str]], library: FacetLibrary, tolerance_mm: float
+    observed: Polyhedron, types: Sequence[Sequence[str]], library: FacetLibrary, tolerance_mm: float
 ) -> RelationalView:
     """The facets of a solid and what relates them; types: those each may have. Features may be off by SIGMAS of what
     the corners' covariance and a tolerance, a standard deviation per axis, make of them."""
-    count = len(seen.facets)
+    count = len(observed.facets)
     most = max(map(len, types))
     numbers = [[type_number(name, library) for name in names] for names in types]
     categories = np.array([[*own, *own[:1] * (most - len(own))] for own in numbers])
     touching = np.zeros((count, count), bool)
     features, doubt = np.zeros((2, count, count, FEATURES))
-    spread = seen.covariance_mm2 + tolerance_mm**2 * np.eye(3)
+    spread = observed.covariance_mm2 + tolerance_mm**2 * np.eye(3)
     places: dict[tuple[int, int], int] = {}  # two facets that share several edges are related by the first
-    for (one, at), (other, _) in seen.across.items():
+    for (one, at), (other, _) in observed.across.items():
         places.setdefault((one, other), at)
     if places:
-        measures, own = measure_each([seen.corners_mm[ring] for ring in seen.rings]), list(places)
-        known = [(m.angles, m.sides, *_sigmas(m, spread[ring])) for m, ring in zip(measures, seen.rings, strict=True)]
+        measures, own = measure_each([observed.corners_mm[ring] for ring in observed.rings]), list(places)
+        known = [
+            (m.angles, m.sides, *_sigmas(m, spread[ring])) for m, ring in zip(measures, observed.rings, strict=True)
+        ]
         angles, sides, *sigmas = (np.concatenate(each) for each in zip(*known, strict=True))
         f, g = np.array(own).T
-        place, first = np.array(list(places.values())), seen.steps[2]
-        count_of = np.array([len(ring) for ring in seen.rings])[f]
+        place, first = np.array(list(places.values())), observed.steps[2]
+        count_of = np.array([len(ring) for ring in observed.rings])[f]
         side = first[f][:, None] + (place[:, None] + [0, 1, -1]) % count_of[:, None]
-        dihedral, tilt = _dihedrals(seen, f, g, side[:, 0], spread)
+        dihedral, tilt = _dihedrals(observed, f, g, side[:, 0], spread)
         touching[f, g] = True
         lengths = np.log(np.clip(sides[side], SHORTEST_MM, LONGEST_MM) / SHORTEST_MM) / _SPAN
         features[f, g] = np.concatenate([lengths, np.column_stack([angles[side[:, :2]], dihedral]) / (2 * np.pi)], 1)
@@ -78,18 +80,18 @@ def _sigmas(one: Measures, covariance: Array) -> tuple[Array, Array]:
     return angles, sides
 
 
-def _dihedrals(seen: Polyhedron, f: Index, g: Index, side: Index, spread: Array) -> tuple[Array, Array]:
+def _dihedrals(observed: Polyhedron, f: Index, g: Index, side: Index, spread: Array) -> tuple[Array, Array]:
     """The angles (P,) inside the part between facets f and g at an edge they share, the side of f of that number, in
     (0, 2 pi), and their standard deviations: each facet is tilted about the edge by its corners' errors along its
     normal over their distance from the edge."""
-    here, after, first = seen.steps
-    corners, sides = seen.corners_mm[here], np.diff(first, append=len(here))
+    here, after, first = observed.steps
+    corners, sides = observed.corners_mm[here], np.diff(first, append=len(here))
     start = corners[side]
-    edge = seen.corners_mm[after[side]] - start
+    edge = observed.corners_mm[after[side]] - start
     edge = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-9)
-    n, m = seen.normals[f], seen.normals[g]
+    n, m = observed.normals[f], observed.normals[g]
     angle = np.pi - np.arctan2((cross(n, m) * edge).sum(1), (n * m).sum(1))
-    normal = seen.normals.repeat(sides, 0)
+    normal = observed.normals.repeat(sides, 0)
     off2 = np.add.reduceat(((spread[here] @ normal[..., None])[..., 0] * normal).sum(1), first) / sides
     variance, pairs = np.zeros(len(f)), np.arange(len(f))
     for facet, inward in ((f, cross(n, edge)), (g, cross(m, edge))):

@@ -1,16 +1,16 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
-from daemon.vision.recognition.confidence import kinds_of
-from daemon.vision.recognition.fits import PoseEvidence, fitted, places_of, recalled
+from daemon.vision.recognition.confidence import facet_kind_counts
+from daemon.vision.recognition.fits import PoseEvidence, facet_placements, fit_candidates, recall_views
 from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
-    joined,
-    recognise,
+    candidate_poses,
+    merge_adjacent,
     recognise_group,
-    recognised,
-    standing,
-    suspected,
+    recognise_groups,
+    recognise_part,
+    suspected_poses,
     typed_as,
     without_name,
 )

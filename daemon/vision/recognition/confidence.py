@@ -30,20 +30,20 @@ SPAN = np.log(8.0)  # sizes of parts are spread over a factor of eight, evenly i
 NOISE_SIGMA, NOISE_DOF = 1.1, 12.0  # corner errors over predicted ones: what they usually are, worth so many measured
 
 
-def ways_tried(seen: Polyhedron, metric: Mapping[str, MetricModel], types: Sequence[str] = ()) -> int:
+def count_correspondences(observed: Polyhedron, metric: Mapping[str, MetricModel], types: Sequence[str] = ()) -> int:
     """In how many ways taught parts could be laid onto what is seen: the places of its rarest edge between two facets,
     or of a lone facet. types: of the seen facets; only taught facets of the same types are places then.
     """
-    places = kinds_of(tuple(known.solid for known in metric.values()))
-    kinds = tuple(types) or tuple(str(len(ring)) for ring in seen.facets)
-    pairs = [(kinds[f], kinds[g]) for f, g in seen.seams]
+    places = facet_kind_counts(tuple(model.solid for model in metric.values()))
+    kinds = tuple(types) or tuple(str(len(ring)) for ring in observed.facets)
+    pairs = [(kinds[f], kinds[g]) for f, g in observed.seams]
     if not pairs:
-        return min(len(ring) * places[kind,] for kind, ring in zip(kinds, seen.facets, strict=True))
+        return min(len(ring) * places[kind,] for kind, ring in zip(kinds, observed.facets, strict=True))
     return min(places[pair] for pair in pairs)
 
 
 @lru_cache(maxsize=4)
-def kinds_of(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
+def facet_kind_counts(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
     """How many facets of each type, and of each number of sides, solids have together, and how many pairs of them share
     an edge."""
     found = Counter[tuple[str, ...]]()
@@ -56,11 +56,11 @@ def kinds_of(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
     return found
 
 
-def weighed(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> list[float]:
+def hypothesis_probabilities(observed: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> list[float]:
     """Probability of each of the fits, which explain every facet: against each other and against strangers, whose it is
     what is left."""
     best = min(fits, key=lambda h: h.chi2)
-    untaught, noise2 = by_chance(seen, best, model)
+    untaught, noise2 = fits_by_chance(observed, best, model)
     odds = list[float]()
     for h in fits:
         as_many = len(symmetries(model.metric[h.label].solid).corners)
@@ -71,34 +71,34 @@ def weighed(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> 
     return [weight / total for weight in odds]
 
 
-def probability(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> dict[str, float]:
+def label_probabilities(observed: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> dict[str, float]:
     """Probability of each label of the fits, in whatever pose."""
-    chances: dict[str, float] = {}
-    for h, chance in zip(fits, weighed(seen, fits, model), strict=True):
-        chances[h.label] = chances.get(h.label, 0.0) + chance
-    return chances
+    probabilities: dict[str, float] = {}
+    for h, probability in zip(fits, hypothesis_probabilities(observed, fits, model), strict=True):
+        probabilities[h.label] = probabilities.get(h.label, 0.0) + probability
+    return probabilities
 
 
-def by_chance(seen: Polyhedron, fit: FacetHypothesis, model: Model) -> tuple[float, float]:
+def fits_by_chance(observed: Polyhedron, fit: FacetHypothesis, model: Model) -> tuple[float, float]:
     """How many fits as good as this one, which explains every facet, a stranger whose facets are so joined is to be
     expected to have; and the variance of corner errors over the predicted one, as these corners show it.
     """
     taught, tolerance_mm = model.metric[fit.label].solid, model.parameters.tolerance_mm
     turn, shift = fit.pose[:3, :3], fit.pose[:3, 3]
     there = taught.corners_mm[fit.corners]  # all that follows is in the part's frame, where its bonds are kept
-    doubt = turn.T @ seen.covariance_mm2 @ turn + taught.covariance_mm2[fit.corners] + tolerance_mm**2 * np.eye(3)
+    doubt = turn.T @ observed.covariance_mm2 @ turn + taught.covariance_mm2[fit.corners] + tolerance_mm**2 * np.eye(3)
     weight = np.asarray(np.linalg.inv(doubt))
-    residual = (seen.corners_mm - shift) @ turn - there
+    residual = (observed.corners_mm - shift) @ turn - there
     types = [taught.types[k] for k in fit.facets] if taught.types else []
-    corner, following, _ = seen.steps
+    corner, following, _ = observed.steps
     range_mm = SPAN * float(np.sqrt(((there[corner] - there[following]) ** 2).sum(1).mean()))
     free, regular = (
-        FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(taught, fit, seen, model.library)
+        FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(taught, fit, observed, model.library)
     )
     dof = 3 * len(there) - len(free.covariance) - 6
     noise2 = (NOISE_DOF * NOISE_SIGMA**2 + free.least) / (NOISE_DOF + max(dof, 0))
     return sum(
-        share * ways_tried(seen, model.metric, kinds) * float(np.exp(-sizes.nats(noise2, range_mm)))
+        share * count_correspondences(observed, model.metric, kinds) * float(np.exp(-sizes.nats(noise2, range_mm)))
         for share, kinds, sizes in ((1 - REGULAR, (), free), (REGULAR, types, regular))
     ), float(noise2)
 
@@ -145,7 +145,7 @@ class FreeSizes:
         return float(len(self.covariance) * np.log(range_mm) - logdet / 2 - (self.chi2 - self.least) / (2 * noise2))
 
 
-def bonds(taught: Polyhedron, fit: FacetHypothesis, seen: Polyhedron, library: FacetLibrary) -> tuple[Array, Array]:
+def bonds(taught: Polyhedron, fit: FacetHypothesis, observed: Polyhedron, library: FacetLibrary) -> tuple[Array, Array]:
     """(R, 3K) derivatives by the corners (K, 3) of what is seen, in the frame of a taught solid, of what binds them
     whatever the sizes: plane facets, right angles in facets and between them; and (S, 3K), these and all that the
     facets' types say. fit: which facets and corners of the solid lie behind the seen ones.
@@ -153,12 +153,12 @@ def bonds(taught: Polyhedron, fit: FacetHypothesis, seen: Polyhedron, library: F
     of_facets, count = _bonds_of_facets(taught, library), len(fit.corners)
     own, place = [of_facets[k] for k in fit.facets], np.empty(len(taught.corners_mm), np.intp)
     numbers, firm, more = list[Index](), list[Array](), list[Array]()
-    for facet, ring, bound in zip(fit.facets, seen.rings, own, strict=True):
+    for facet, ring, bound in zip(fit.facets, observed.rings, own, strict=True):
         place[fit.corners[ring]] = ring
         numbers.append(place[taught.rings[facet]])
         firm.append(_placed(bound.firm, numbers[-1], count))
         more.append(_placed(bound.more, numbers[-1], count))
-    for f, g in seen.seams:
+    for f, g in observed.seams:
         sizes = float(np.sqrt((own[f].area @ own[f].area) * (own[g].area @ own[g].area)))
         if abs(float(own[f].area @ own[g].area)) < RIGHT * sizes:
             row = np.zeros((1, 3 * count))

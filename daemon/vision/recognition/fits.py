@@ -24,13 +24,13 @@ from daemon.vision.model import (
     MetricModel,
     Model,
     correspondences,
+    correspondences_from,
     relational_view,
-    spread_from,
     symmetries,
     turns_onto_themselves,
 )
 
-Way = tuple[str, Correspondence]
+LabelledCorrespondence = tuple[str, Correspondence]
 PoseEvidence = Callable[[Polyhedron, Array], float]
 """Nats by which pictures speak for the holes of a part at a pose (4, 4) cyclopean_from_part."""
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
@@ -55,27 +55,29 @@ class Recalled:
     match: float
     activation: float
     ratio: float
-    way: Correspondence
+    correspondence: Correspondence
 
 
-def recalled(seen: Polyhedron, types: Sequence[Sequence[str]], model: Model, vigilance: float) -> tuple[Recalled, ...]:
+def recall_views(
+    observed: Polyhedron, types: Sequence[Sequence[str]], model: Model, vigilance: float
+) -> tuple[Recalled, ...]:
     """Every way in which facets that hang together may be a taught part, as far as a node's match reaches the
     vigilance, one of those that a turn of the part takes onto each other; those that explain most facets first, then
     the best match. types: those each facet may have. Nothing for a lone facet, which has no relations."""
-    if len(seen.facets) < 2 or not seen.seams:
+    if len(observed.facets) < 2 or not observed.seams:
         return ()
-    view = relational_view(seen, types, model.library, model.parameters.tolerance_mm)
-    found = _ways(seen, view, range(len(seen.facets)), model, vigilance)
-    if not found and len(seen.facets) > 2:
-        pairs = (_ways(seen, view.only(seam), seam, model, vigilance) for seam in seen.seams)
-        found = {key: way for one in pairs for key, way in one.items()}
-    most = max((one.way.explained for one in found.values()), default=0)
-    best = (one for one in found.values() if one.way.explained == most)
+    view = relational_view(observed, types, model.library, model.parameters.tolerance_mm)
+    found = _recall_members(observed, view, range(len(observed.facets)), model, vigilance)
+    if not found and len(observed.facets) > 2:
+        pairs = (_recall_members(observed, view.only(seam), seam, model, vigilance) for seam in observed.seams)
+        found = {key: correspondence for one in pairs for key, correspondence in one.items()}
+    most = max((one.correspondence.explained for one in found.values()), default=0)
+    best = (one for one in found.values() if one.correspondence.explained == most)
     return tuple(sorted(best, key=lambda one: (-one.match, -one.activation)))
 
 
-def _ways(
-    seen: Polyhedron, view: RelationalView, members: Sequence[int], model: Model, vigilance: float
+def _recall_members(
+    observed: Polyhedron, view: RelationalView, members: Sequence[int], model: Model, vigilance: float
 ) -> dict[tuple[str, tuple[int, ...]], Recalled]:
     """What is recalled of some facets (a view of them alone), each way once."""
     answer = model.artmap.recall(view, vigilance, MOST_RECALLED)
@@ -89,37 +91,37 @@ def _ways(
             continue
         solid = model.metric[label].solid
         if solid.holes:  # the memory knows facets and no holes: which of the places alike it is, these tell
-            ways = () if label in every else correspondences(seen, solid)
+            ways = () if label in every else correspondences(observed, solid)
             every.add(label)
         else:
-            ways = _laid(seen, solid, dict(zip(members, own, strict=True)))
+            ways = _extend_pair(observed, solid, dict(zip(members, own, strict=True)))
         for way in ways:
-            key = label, _of_equals(way, solid)
+            key = label, _canonical_corners(way, solid)
             if key not in found:
                 share = float(ratio) * way.explained / len(members)
                 found[key] = Recalled(label, int(node), float(match), float(activation), min(share, 1.0), way)
     return found
 
 
-def _laid(seen: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Correspondence, ...]:
+def _extend_pair(observed: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Correspondence, ...]:
     """Seen facets laid edge to edge onto a solid, from the first two on that are said to lie on facets of it: the rest
     follows from these. Relations in pairs do not tell which way round facets meet, as at corners of a box."""
-    first, second = next((f, g) for f, g in seen.seams if f in onto and g in onto)
+    first, second = next((f, g) for f, g in observed.seams if f in onto and g in onto)
     if max(onto.values()) >= len(solid.facets):
         return ()
-    edges = [place for (f, place), (g, _) in seen.across.items() if (f, g) == (first, second)]
+    edges = [place for (f, place), (g, _) in observed.across.items() if (f, g) == (first, second)]
     there = [place for (f, place), (g, _) in solid.across.items() if (f, g) == (onto[first], onto[second])]
-    sides = len(seen.facets[first])
+    sides = len(observed.facets[first])
     if len(solid.facets[onto[first]]) != sides:
         return ()
     places = [(first, (onto[first], (place - edges[0]) % sides)) for place in there]
-    return spread_from(seen, solid, places)
+    return correspondences_from(observed, solid, places)
 
 
-def _of_equals(way: Correspondence, solid: Polyhedron) -> tuple[int, ...]:
+def _canonical_corners(correspondence: Correspondence, solid: Polyhedron) -> tuple[int, ...]:
     """The corners of the way, of all that a turn of the solid takes onto it the first."""
-    turned = symmetries(solid).corners[:, way.corners]
-    turned[:, way.corners < 0] = -1
+    turned = symmetries(solid).corners[:, correspondence.corners]
+    turned[:, correspondence.corners < 0] = -1
     return tuple(min(turned.tolist()))
 
 
@@ -158,56 +160,59 @@ class FacetHypothesis:
         return chi_square_tail(self.chi2 / SIGMA_SCALE**2, self.dof)
 
 
-def fitted(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way], tolerance_mm: float
+def fit_candidates(
+    observed: Polyhedron,
+    metric: Mapping[str, MetricModel],
+    candidates: Sequence[LabelledCorrespondence],
+    tolerance_mm: float,
 ) -> tuple[FacetHypothesis, ...]:
     """The ways that an unweighted fit does not rule out, each in its best pose: most facets explained first, then the
     smallest chi-square. Where all are ruled out, the nearest."""
-    if not ways:
+    if not candidates:
         return ()
-    seen_mm, covariance, corners, spread, used = _matched(seen, metric, ways)
-    rotation, shift, rms = rough_fit(seen_mm, covariance, corners, used)
-    unsure = SURE * float(np.sqrt(seen.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
+    observed_mm, covariance, corners, spread, used = _matched(observed, metric, candidates)
+    rotation, shift, rms = rough_fit(observed_mm, covariance, corners, used)
+    unsure = SURE * float(np.sqrt(observed.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
     near = np.flatnonzero(rms <= max(ROUGH_MM, unsure)).tolist() or [int(rms.argmin())]
     start = rotation[near], shift[near]
-    fits = fit_poses(seen_mm, covariance, corners[near], spread[near], used[near], tolerance_mm, start)
-    found = [_hypothesis(ways[k], fits, i) for i, k in enumerate(near)]
+    fits = fit_poses(observed_mm, covariance, corners[near], spread[near], used[near], tolerance_mm, start)
+    found = [_hypothesis(candidates[k], fits, i) for i, k in enumerate(near)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
 
 
-def with_evidence(
-    fits: tuple[FacetHypothesis, ...], seen: PoseEvidence | None, metric: Mapping[str, MetricModel]
+def add_evidence(
+    fits: tuple[FacetHypothesis, ...], evidence: PoseEvidence | None, metric: Mapping[str, MetricModel]
 ) -> tuple[FacetHypothesis, ...]:
-    """The hypotheses with what pictures speak for the holes of each that has any, the best first as `fitted` has
-    them."""
+    """Add to each hypothesis of a part with holes the nats by which the pictures speak for these; sorted as by
+    fit_candidates."""
     solids = [metric[one.label].solid for one in fits]
-    if seen is None or not any(solid.holes for solid in solids):
+    if evidence is None or not any(solid.holes for solid in solids):
         return fits
-    found = [replace(one, nats=seen(solid, one.pose)) for one, solid in zip(fits, solids, strict=True)]
+    found = [replace(one, nats=evidence(solid, one.pose)) for one, solid in zip(fits, solids, strict=True)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.score)))
 
 
-def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
+def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricModel]) -> list[LabelledCorrespondence]:
     """Taught facets, in turns, that a lone seen one may be by the distances between its corners: those near, or where
     there is none those that are not far, the nearest MOST_RECALLED."""
-    places, off, labels = _places(seen, 0, metric)
+    places, off, labels = _places(observed, 0, metric)
     near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MOST_RECALLED))), ())
     found = []
     for part, facet, turn in places.which[near].tolist():
-        found.append((labels[part], _alone(seen, metric[labels[part]].solid, facet, turn)))
+        found.append((labels[part], _single_facet_correspondence(observed, metric[labels[part]].solid, facet, turn)))
     return found
 
 
-def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
+def facet_poses(observed: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
     """Taught facets in turns whose corners come so near to those of a lone seen one, MOST_NEAR at most, the nearest
     first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
-    places, off, _ = _places(seen, 0, metric)
+    places, off, _ = _places(observed, 0, metric)
     near = _nearest(off, SPREAD * rms_mm, MOST_NEAR)
     if not len(near):
         return np.zeros(0, np.intp), np.zeros((0, 4, 4))
-    taught, ring = places.corners_mm[near], seen.rings[0]
+    taught, ring = places.corners_mm[near], observed.rings[0]
     used = np.ones(taught.shape[:2], bool)
-    rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
+    rotation, shift, rms = rough_fit(observed.corners_mm[ring], observed.covariance_mm2[ring], taught, used)
     best = np.argsort(rms, kind="stable")
     best = best[rms[best] < rms_mm]
     return places.which[near[best], 0], frames.rigid(rotation[best], shift[best])
@@ -219,10 +224,10 @@ def _nearest(off: Array, limit: float, most: int) -> Index:
     return near if len(near) <= most else near[np.argpartition(off[near], most)[:most]]
 
 
-def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
+def _single_facet_correspondence(observed: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
     """A lone seen facet laid onto a taught one."""
-    corners, ring = np.empty(len(seen.corners_mm), np.intp), taught.facets[facet]
-    corners[seen.rings[0]] = ring[turn:] + ring[:turn]
+    corners, ring = np.empty(len(observed.corners_mm), np.intp), taught.facets[facet]
+    corners[observed.rings[0]] = ring[turn:] + ring[:turn]
     return Correspondence((facet,), corners)
 
 
@@ -235,23 +240,25 @@ class _Places(NamedTuple):
     spans_mm: Array
 
 
-def _places(seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]) -> tuple[_Places, Array, tuple[str, ...]]:
+def _places(
+    observed: Polyhedron, facet: int, metric: Mapping[str, MetricModel]
+) -> tuple[_Places, Array, tuple[str, ...]]:
     """Every taught facet, in every turn, that has as many sides as a seen one (N of them); by how much their corners'
     distances from each other differ at most, beyond what they may have been measured wrongly, mm; and the labels of
     the parts."""
-    ring, labels = seen.rings[facet], tuple(metric)
-    places = places_of(tuple(known.solid for known in metric.values())).get(len(ring))
+    ring, labels = observed.rings[facet], tuple(metric)
+    places = facet_placements(tuple(model.solid for model in metric.values())).get(len(ring))
     if places is None:
         return _Places(np.zeros((0, 3), np.intp), *np.zeros((2, 0, len(ring), 3))), np.zeros(0), labels
-    wanted = _distances(seen.corners_mm[ring])
-    variance = seen.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
+    wanted = _distances(observed.corners_mm[ring])
+    variance = observed.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
     one, other = _pairs(len(ring))
     excess = np.abs(places.spans_mm - wanted) - SURE * np.sqrt(variance[one] + variance[other])
     return places, excess.max(1), labels
 
 
 @lru_cache(maxsize=4)
-def places_of(solids: tuple[Polyhedron, ...]) -> dict[int, _Places]:
+def facet_placements(solids: tuple[Polyhedron, ...]) -> dict[int, _Places]:
     """By number of sides every facet of solids in each turn, of those that turns of its solid take onto each other one;
     made once of all that is taught."""
     found: dict[int, list[tuple[Index, Array]]] = {}
@@ -289,10 +296,10 @@ def _pairs(count: int) -> tuple[Index, Index]:
     return np.triu_indices(count, 1)
 
 
-def _hypothesis(way: Way, fits: Fits, i: int) -> FacetHypothesis:
-    label, laid = way
+def _hypothesis(candidate: LabelledCorrespondence, fits: Fits, i: int) -> FacetHypothesis:
+    label, correspondence = candidate
     return FacetHypothesis(
-        label, laid.facets, laid.corners, fits.poses[i], fits.covariance[i],
+        label, correspondence.facets, correspondence.corners, fits.poses[i], fits.covariance[i],
         float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
     )  # fmt: skip
 
@@ -312,16 +319,18 @@ def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taug
 
 
 def _matched(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way]
+    observed: Polyhedron, metric: Mapping[str, MetricModel], candidates: Sequence[LabelledCorrespondence]
 ) -> tuple[Array, Array, Array, Array, Flags]:
     """What fit_poses wants: seen corners, their covariance, their counterparts in each way, their covariance, which."""
-    corners = np.stack([metric[label].solid.corners_mm[way.corners] for label, way in ways])
-    covariance = np.stack([metric[label].solid.covariance_mm2[way.corners] for label, way in ways])
-    used = np.stack([way.corners >= 0 for _, way in ways])
-    return seen.corners_mm, seen.covariance_mm2, corners, covariance, used
+    corners = np.stack([metric[label].solid.corners_mm[correspondence.corners] for label, correspondence in candidates])
+    covariance = np.stack(
+        [metric[label].solid.covariance_mm2[correspondence.corners] for label, correspondence in candidates]
+    )
+    used = np.stack([correspondence.corners >= 0 for _, correspondence in candidates])
+    return observed.corners_mm, observed.covariance_mm2, corners, covariance, used
 
 
-def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: FacetHypothesis, tolerance_mm: float) -> Array:
+def most_likely_corners(observed: Polyhedron, taught: Polyhedron, fit: FacetHypothesis, tolerance_mm: float) -> Array:
     """(K, 3) mm: each measured corner drawn towards where the fitted model has it.
 
     A corner without a counterpart stays where it was measured.
@@ -331,7 +340,7 @@ def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: FacetHypothes
     there = fit.corners[matched]
     expected = taught.corners_mm[there] @ turn.T + shift
     doubt = turn @ taught.covariance_mm2[there] @ turn.T + tolerance_mm**2 * np.eye(3)
-    gain = doubt @ np.linalg.inv(doubt + seen.covariance_mm2[matched])
-    corners = seen.corners_mm.copy()
-    corners[matched] = expected + (gain @ (seen.corners_mm[matched] - expected)[..., None])[..., 0]
+    gain = doubt @ np.linalg.inv(doubt + observed.covariance_mm2[matched])
+    corners = observed.corners_mm.copy()
+    corners[matched] = expected + (gain @ (observed.corners_mm[matched] - expected)[..., None])[..., 0]
     return corners

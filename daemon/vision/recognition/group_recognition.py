@@ -15,18 +15,18 @@ from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, type_number, types_of
-from daemon.vision.recognition.confidence import probability, weighed
+from daemon.vision.recognition.confidence import hypothesis_probabilities, label_probabilities
 from daemon.vision.recognition.fits import (
     FacetHypothesis,
     PoseEvidence,
     Recalled,
+    add_evidence,
     equivalents,
     facet_poses,
-    fitted,
-    lone_ways,
+    fit_candidates,
     most_likely_corners,
-    recalled,
-    with_evidence,
+    recall_views,
+    single_facet_candidates,
 )
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
@@ -69,54 +69,62 @@ class CandidatePose:
     probability: float
 
 
-def recognise(groups: Iterable[Group], model: Model, seen: PoseEvidence | None = None) -> tuple[Recognised, ...]:
+def recognise_groups(
+    groups: Iterable[Group], model: Model, evidence: PoseEvidence | None = None
+) -> tuple[Recognised, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`.
 
     seen: what pictures speak for a label at a pose besides facets.
     """
-    return joined([found for group in groups if group.facets for found in _parts_of(group, model, seen)], model, seen)
+    return merge_adjacent(
+        [one for group in groups if group.facets for one in _recognise_or_split(group, model, evidence)],
+        model,
+        evidence,
+    )
 
 
-def joined(found: Sequence[Recognised], model: Model, seen: PoseEvidence | None = None) -> tuple[Recognised, ...]:
+def merge_adjacent(
+    recognised: Sequence[Recognised], model: Model, evidence: PoseEvidence | None = None
+) -> tuple[Recognised, ...]:
     """What was found, nearest first, with those made one that share an edge after all and have a name together."""
-    parts = list(found)
-    for one, other in combinations(found, 2):
+    parts = list(recognised)
+    for one, other in combinations(recognised, 2):
         if one in parts and other in parts and one.label == other.label:
-            whole = _as_one(one.group, other.group, model, seen)
+            whole = _as_one(one.group, other.group, model, evidence)
             if whole is not None:
                 parts = [p for p in parts if p not in (one, other)] + [whole]
     return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
-def recognised(group: Group, model: Model, seen: PoseEvidence | None = None) -> Recognised:
+def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Recognised:
     """One group, and what it is taken for."""
-    return Recognised(group, recognise_group(group, model, seen))
+    return Recognised(group, recognise_part(group, model, evidence))
 
 
-def _as_one(one: Group, other: Group, model: Model, seen: PoseEvidence | None) -> Recognised | None:
+def _as_one(one: Group, other: Group, model: Model, evidence: PoseEvidence | None) -> Recognised | None:
     """Two groups as one, where they share an edge and that has a name; else None."""
     whole = merge_vertices(one.facets + other.facets)
     if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
-    found = recognised(whole, model, seen)
+    found = recognise_group(whole, model, evidence)
     return found if found.named else None
 
 
-def _parts_of(group: Group, model: Model, seen: PoseEvidence | None) -> tuple[Recognised, ...]:
+def _recognise_or_split(group: Group, model: Model, evidence: PoseEvidence | None) -> tuple[Recognised, ...]:
     """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
 
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
-    whole = recognised(group, model, seen)
+    whole = recognise_group(group, model, evidence)
     if whole.named or len(group.facets) < 3:
         return (whole,)
     for index, facet in enumerate(whole.part.facets):
         if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
             continue
-        rest = recognised(group.only([k for k in range(len(group.facets)) if k != index]), model, seen)
+        rest = recognise_group(group.only([k for k in range(len(group.facets)) if k != index]), model, evidence)
         if rest.named:
-            return rest, recognised(group.only([index]), model, seen)
+            return rest, recognise_group(group.only([index]), model, evidence)
     return (whole,)
 
 
@@ -127,38 +135,40 @@ def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspected(facet: Facet, model: Model) -> tuple[Index, Array]:
+def suspected_poses(facet: Facet, model: Model) -> tuple[Index, Array]:
     """Every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or not; the
     nearest first."""
     return facet_poses(merge_vertices([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
-def without_name(one: Recognised, why: str, confidence: float, model: Model) -> Recognised:
+def without_name(named: Recognised, reason: str, confidence: float, model: Model) -> Recognised:
     """A named group without its name, in which one may no longer have more than a confidence."""
-    verdict = _silent((one.label,), 1 - confidence, why, (one.label,))
-    return replace(one, part=_unknown_part(_typed(one.group, model).group, verdict))
+    verdict = _unnamed((named.label,), 1 - confidence, reason, (named.label,))
+    return replace(named, part=_unknown_part(_typed(named.group, model).group, verdict))
 
 
-def standing(group: Group, model: Model) -> tuple[CandidatePose, ...]:
+def candidate_poses(group: Group, model: Model) -> tuple[CandidatePose, ...]:
     """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
     is that of an untaught part."""
-    seen = _typed(group, model)
-    fits = [h for h in _proposed(seen, model)[1] if _stands(h, seen.group)]
-    chances = weighed(seen.group.polyhedron, fits, model) if fits else []
-    found = [CandidatePose(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
+    typed = _typed(group, model)
+    fits = [h for h in _recall_and_fit(typed, model)[1] if _is_consistent(h, typed.group)]
+    probabilities = hypothesis_probabilities(typed.group.polyhedron, fits, model) if fits else []
+    found = [
+        CandidatePose(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, probabilities, strict=True)
+    ]
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Part:
+def recognise_part(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Part:
     """Name and locate one group of facets."""
     typed = _typed(group, model)
     seen = typed.group
-    proposed, fits = _proposed(typed, model)
-    fits = with_evidence(fits, evidence, model.metric)
+    proposed, fits = _recall_and_fit(typed, model)
+    fits = add_evidence(fits, evidence, model.metric)
     best = _best_by_label(fits)
-    standing = [h for h in fits if _stands(h, seen)]
-    chances = probability(seen.polyhedron, standing, model) if standing else {}
-    verdict = _verdict(seen, best, proposed, chances, model)
+    consistent = [h for h in fits if _is_consistent(h, seen)]
+    probabilities = label_probabilities(seen.polyhedron, consistent, model) if consistent else {}
+    verdict = _verdict(seen, best, proposed, probabilities, model)
     if verdict.label == UNKNOWN:
         return _unknown_part(seen, verdict)
     winner = next(h for h in best if h.label == verdict.label)
@@ -185,35 +195,37 @@ class _Typed(NamedTuple):
 
 def _typed(group: Group, model: Model) -> _Typed:
     """The group with its facets typed, their corners as sure as their epipolar lines allow."""
-    facets = tuple(map(_doubted, group.facets))
+    facets = tuple(map(_with_epipolar_doubt, group.facets))
     types = types_of(facets, model.library)
     return _Typed(replace(group, facets=typed_as(facets, (names[0] for names in types), model.library)), types)
 
 
-def _doubted(facet: Facet) -> Facet:
+def _with_epipolar_doubt(facet: Facet) -> Facet:
     """The facet, its corners off their epipolar lines less sure: there one camera saw something else."""
     excess = np.maximum(np.abs(facet.epipolar_px) / EPIPOLAR_PX, 1.0) ** 2
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[FacetHypothesis, ...]]:
+def _recall_and_fit(typed: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[FacetHypothesis, ...]]:
     """Recall taught views for this group and fit each, at vigilance 1 first; if none agrees within the errors, at the
     model's own vigilance."""
-    solid, tolerance = seen.group.polyhedron, model.parameters.tolerance_mm
-    if len(seen.group.facets) == 1:
-        return (), fitted(solid, model.metric, lone_ways(solid, model.metric), tolerance)
-    proposed, found = tuple[Recalled, ...](), tuple[FacetHypothesis, ...]()
+    solid, tolerance = typed.group.polyhedron, model.parameters.tolerance_mm
+    if len(typed.group.facets) == 1:
+        return (), fit_candidates(solid, model.metric, single_facet_candidates(solid, model.metric), tolerance)
+    proposed, hypotheses = tuple[Recalled, ...](), tuple[FacetHypothesis, ...]()
     for vigilance in (1.0, model.parameters.vigilance):
-        proposed = recalled(solid, seen.types, model, vigilance)
-        found = fitted(solid, model.metric, [(one.label, one.way) for one in proposed], tolerance)
-        if any(_stands(h, seen.group) for h in found):
-            return proposed, found
-    return proposed, found
+        proposed = recall_views(solid, typed.types, model, vigilance)
+        hypotheses = fit_candidates(
+            solid, model.metric, [(one.label, one.correspondence) for one in proposed], tolerance
+        )
+        if any(_is_consistent(h, typed.group) for h in hypotheses):
+            return proposed, hypotheses
+    return proposed, hypotheses
 
 
-def _stands(hypothesis: FacetHypothesis, seen: Group) -> bool:
+def _is_consistent(hypothesis: FacetHypothesis, group: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
-    whole = hypothesis.explained == len(seen.facets)
+    whole = hypothesis.explained == len(group.facets)
     return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
 
 
@@ -225,52 +237,54 @@ def _best_by_label(fits: tuple[FacetHypothesis, ...]) -> tuple[FacetHypothesis, 
 
 
 def _verdict(
-    seen: Group,
+    group: Group,
     best: tuple[FacetHypothesis, ...],
     proposed: Sequence[Recalled],
-    chances: Mapping[str, float],
+    probabilities: Mapping[str, float],
     model: Model,
 ) -> Recognition:
     """Name, or say why not. chances: the probability of each label that fits."""
-    standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -chances[h.label]))
+    consistent = tuple(sorted((h for h in best if _is_consistent(h, group)), key=lambda h: -probabilities[h.label]))
     ranking = list(
-        dict.fromkeys([h.label for h in standing] + [one.label for one in proposed] + [h.label for h in best])
+        dict.fromkeys([h.label for h in consistent] + [one.label for one in proposed] + [h.label for h in best])
     )
-    if not standing:
-        return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), _why_not(seen, best))
-    labels = tuple(h.label for h in standing)
-    first = standing[0]
-    chance = chances[first.label]
-    if len(seen.facets) == 1:
-        why = f"one facet ({seen.facets[0].type}) is not enough: it fits {' and '.join(labels)}"
-        return _silent(ranking, 1 - chance, why, labels)
+    if not consistent:
+        return _unnamed(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), _reason_unnamed(group, best))
+    labels = tuple(h.label for h in consistent)
+    first = consistent[0]
+    chance = probabilities[first.label]
+    if len(group.facets) == 1:
+        reason = f"one facet ({group.facets[0].type}) is not enough: it fits {' and '.join(labels)}"
+        return _unnamed(ranking, 1 - chance, reason, labels)
     if chance < LEAST_PROBABILITY:
-        why = f"fits {' and '.join(labels)} ({chance:.0%} for the first)"
-        return _silent(ranking, 1 - chance, why, labels)
+        reason = f"fits {' and '.join(labels)} ({chance:.0%} for the first)"
+        return _unnamed(ranking, 1 - chance, reason, labels)
     answer = next(
-        one for one in proposed if one.label == first.label and np.array_equal(one.way.corners, first.corners)
+        one
+        for one in proposed
+        if one.label == first.label and np.array_equal(one.correspondence.corners, first.corners)
     )
     runner_up = next((name for name in ranking if name != first.label), None)
-    why = (
+    reason = (
         f"recalled {model.view_behind(answer.node)} (node {answer.node + 1}) at ratio {answer.ratio:.2f}; "
-        f"{len(seen.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
+        f"{len(group.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
     )
-    return Recognition(first.label, chance, answer.ratio, answer.activation, runner_up, False, why, labels)
+    return Recognition(first.label, chance, answer.ratio, answer.activation, runner_up, False, reason, labels)
 
 
-def _silent(ranking: Sequence[str], confidence: float, why: str, candidates: tuple[str, ...] = ()) -> Recognition:
+def _unnamed(ranking: Sequence[str], confidence: float, reason: str, candidates: tuple[str, ...] = ()) -> Recognition:
     """No name; candidates: what explains it as well as each other."""
     runner_up = ranking[0] if ranking else None
-    return Recognition(UNKNOWN, confidence, 0.0, 0.0, runner_up, bool(candidates), why, candidates)
+    return Recognition(UNKNOWN, confidence, 0.0, 0.0, runner_up, bool(candidates), reason, candidates)
 
 
-def _why_not(seen: Group, best: tuple[FacetHypothesis, ...]) -> str:
-    shapes = ", ".join(sorted(f.type for f in seen.facets))
+def _reason_unnamed(group: Group, best: tuple[FacetHypothesis, ...]) -> str:
+    shapes = ", ".join(sorted(f.type for f in group.facets))
     if not best:
         return f"nothing taught has facets like these ({shapes})"
     near = min(best, key=lambda h: (-h.explained, h.chi2))
-    if near.explained < len(seen.facets):
-        return f"{shapes}: only {near.explained} of {len(seen.facets)} facets could belong to {near.label}"
+    if near.explained < len(group.facets):
+        return f"{shapes}: only {near.explained} of {len(group.facets)} facets could belong to {near.label}"
     return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
 
 
@@ -282,12 +296,12 @@ def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrar
     )
 
 
-def _unknown_part(seen: Group, verdict: Recognition) -> Part:
+def _unknown_part(group: Group, verdict: Recognition) -> Part:
     """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as they were measured."""
-    corners = seen.polyhedron.corners_mm
+    corners = group.polyhedron.corners_mm
     pose = np.eye(4)
     pose[:3, 3] = corners.mean(0)
     covariance = np.diag([0.0, 0.0, 0.0, np.pi**2, np.pi**2, np.pi**2])
-    covariance[:3, :3] = seen.polyhedron.covariance_mm2.sum(0) / len(corners) ** 2
-    fitted = tuple(corners[list(ring)] for ring in seen.polyhedron.facets)
-    return Part(verdict, seen.facets, pose, covariance, float("nan"), fitted, pose[None])
+    covariance[:3, :3] = group.polyhedron.covariance_mm2.sum(0) / len(corners) ** 2
+    fitted = tuple(corners[list(ring)] for ring in group.polyhedron.facets)
+    return Part(verdict, group.facets, pose, covariance, float("nan"), fitted, pose[None])

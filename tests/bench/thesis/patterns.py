@@ -11,7 +11,7 @@ from daemon.art import ART1
 from daemon.store.library import load_facets
 from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.model import Model, empty_model, learn_view, relational_view, types_of
-from daemon.vision.recognition.group_recognition import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_part
 from daemon.vision.thesis import silhouette
 from daemon.vision.values import Group
 from tests.bench.networks import FuzzyARTMAP, best_numbering, choose
@@ -108,7 +108,7 @@ def _ours(memory: Model, truth: str, facets: Sequence[int]) -> str:
     view = relational_view(group.polyhedron, types, memory.library, memory.parameters.tolerance_mm)
     found = memory.artmap.recall(view, memory.parameters.vigilance)
     recalled = dict.fromkeys(memory.artmap.node_labels[node].replace("_", " ") for node in found.node.tolist())
-    named = recognise_group(group, memory).recognition
+    named = recognise_part(group, memory).recognition
     return f"{' or '.join(recalled) or 'nothing'}; {named.label.replace('_', ' ')}"
 
 

@@ -227,7 +227,7 @@ ANSWERS = ("named right", "left unnamed", "named wrong")
 
 
 def _answer(shot: Shot, model: Model, rig: StereoRig | None = None) -> str:
-    scene = look(shot.left, shot.right, rig or thesis_rig(), model, VisionSettings().unhurried())
+    scene = look(shot.left, shot.right, rig or thesis_rig(), model, VisionSettings().without_time_limit())
     named = [p.recognition.label for p in scene.parts if p.named]
     return ANSWERS[2] if any(label != shot.label for label in named) else ANSWERS[0] if named else ANSWERS[1]
 

@@ -33,7 +33,7 @@ def rounded_table() -> str:
         model = learn_solids(empty_model(load_facets()), [(p.label, p.drawing.solid, p.label) for p in pair])
         for lies, part in enumerate(pair):
             shown = photograph(part.shape, np.random.default_rng([seed, lies]), distance_mm=distance)
-            scene = look(shown.left, shown.right, rig, model, VisionSettings().unhurried())
+            scene = look(shown.left, shown.right, rig, model, VisionSettings().without_time_limit())
             named = {p.recognition.label for p in scene.parts if p.named}
             answer = ANSWERS[1] if not named else ANSWERS[0] if named == {part.label} else ANSWERS[2]
             counts["sharp" if lies == 0 else f"rounded by {radius:g} mm", k, answer] += 1

@@ -126,8 +126,8 @@ class Walk:
 
 def test_a_thing_is_looked_at_from_each_place_that_is_reached_and_how_much_of_it_each_shows_is_told() -> None:
     nothing = look_at_groups()
-    one_facet = look_at_groups(merge_vertices(CUBE_SEEN.facets[:1]))
-    walk = Walk(nothing, look_at_groups(CUBE_SEEN), nothing, one_facet, refused=("round it, place 2 of 6",))
+    match_facets = look_at_groups(merge_vertices(CUBE_SEEN.facets[:1]))
+    walk = Walk(nothing, look_at_groups(CUBE_SEEN), nothing, match_facets, refused=("round it, place 2 of 6",))
     thing, looks = walk.walked(6)
     assert thing.holds(CUBE_SEEN, np.eye(4))
     assert walk.travelled == ["find it", *(f"round it, place {k} of 6" for k in range(1, 7))]

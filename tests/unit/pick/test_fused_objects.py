@@ -18,7 +18,7 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
-from daemon.vision.facets.fusing import Fused
+from daemon.vision.facets.fusing import FusedLooks
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
@@ -198,7 +198,7 @@ def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
 def test_where_looks_cannot_be_fused_what_each_says_by_itself_stands(
     recogniser: ModelRecogniser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def of_no_extent(*_: object) -> Fused:
+    def of_no_extent(*_: object) -> FusedLooks:
         raise np.linalg.LinAlgError
 
     monkeypatch.setattr(fused_objects, "fuse", of_no_extent)
@@ -256,7 +256,7 @@ def test_only_what_bends_away_beyond_an_open_edge_is_a_side_never_taught(rises_m
 
 def test_named_parts_of_looks_without_a_facet_in_common_are_none(recogniser: ModelRecogniser) -> None:
     none = np.zeros((0, 0))
-    nothing = Fused((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
+    nothing = FusedLooks((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
     assert fused_objects._in_own_places(nothing, [], recogniser) == []
 
 

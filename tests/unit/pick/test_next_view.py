@@ -232,7 +232,7 @@ class Standing:
     def shape(self, label: str) -> Polyhedron | None:
         return None if label == "forgotten" else block()
 
-    def standing(self, group: Any) -> list[Any]:
+    def candidate_poses(self, group: Any) -> list[Any]:
         return [
             SimpleNamespace(label=label, pose=pose, covariance=np.eye(6), facets=(0,), probability=share)
             for label, pose, share in self.by_count.get("of_1" if len(group.facets) == 1 else "all_of_it", [])

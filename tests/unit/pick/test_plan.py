@@ -104,7 +104,9 @@ def test_the_sides_that_a_part_can_lie_on_are_those_below_its_mass(label):
 def test_a_part_does_not_lie_on_the_inside_of_a_corner():
     bracket = read_drawing("bracket.obj", (folders.HOUSE / "docs" / "bracket.obj").read_bytes(), "mm", load_facets())
     sides, solid = stable_sides(bracket.solid), bracket.solid
-    inner = [k for k, laid in enumerate(solid.laid_flat) if frames.apply(laid, solid.corners_mm)[:, 2].max() > 1.0]
+    inner = [
+        k for k, laid in enumerate(solid.flat_from_solid) if frames.apply(laid, solid.corners_mm)[:, 2].max() > 1.0
+    ]
     assert len(inner) == 2
     assert sides
     assert not set(sides) & set(inner)

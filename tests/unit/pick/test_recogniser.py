@@ -54,7 +54,7 @@ def test_what_a_group_of_facets_may_be_is_each_taught_part_that_it_fits() -> Non
     recogniser = ModelRecogniser(model, rig())
     body = drawn.solid("block.obj", drawn.obj(*BLOCK_60))
     (top,) = looked_at(body, place(0.0, np.pi / 2 - 0.02), np.random.default_rng(0), np.zeros(9)).groups
-    found = recogniser.standing(top)
+    found = recogniser.candidate_poses(top)
     assert {one.label for one in found} == {"low", "high"}
     assert sum(one.probability for one in found) <= 1.0 + 1e-9
 

@@ -31,7 +31,7 @@ from daemon.store.model import (
 from daemon.store.npz import unpack
 from daemon.store.outside import FileError
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
-from daemon.vision.recognition.group_recognition import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_part
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
 from tests.fakes.hostile import fitting
@@ -77,7 +77,7 @@ def test_a_saved_model_answers_exactly_as_it_did(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     for body in (CUBE, PYRAMID, PENTAGONAL):
         group = view_of(body, pose(rng.normal(size=3), 1.0), rng)
-        one, other = recognise_group(group, model), recognise_group(group, again)
+        one, other = recognise_part(group, model), recognise_part(group, again)
         assert vars(one.recognition) == vars(other.recognition)
         np.testing.assert_array_equal(one.cyclopean_from_part, other.cyclopean_from_part)
     assert to_bytes(again) == to_bytes(model)
@@ -202,7 +202,7 @@ def test_a_model_of_the_version_before_is_learnt_again_from_its_views_and_names_
     for label, body in bodies.items():
         for k, place in enumerate(places):
             seen = view_of(body, pose(np.array(place), 1.0), np.random.default_rng(k))
-            told = recognise_group(seen, model).recognition
+            told = recognise_part(seen, model).recognition
             assert told.label == (label if len(seen.facets) > 1 else "unknown"), (label, place, told.reason)
     again = from_bytes(to_bytes(model, trained=file.trained, codes=file.codes))
     assert to_bytes(again.model) == to_bytes(model)

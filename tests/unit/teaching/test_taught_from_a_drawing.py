@@ -16,7 +16,7 @@ from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.teaching.sufficiency import imagined_group
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model import aspects
-from daemon.vision.recognition.group_recognition import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_part
 from tests.fakes import drawn, rendered
 from tests.fakes.drawn import block, solid
 
@@ -61,7 +61,7 @@ def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> 
     trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
     model, left_out = trainer.learnt()
     assert left_out == []
-    assert recognise_group(view, model).recognition.label == "cube"
+    assert recognise_part(view, model).recognition.label == "cube"
 
 
 def test_a_drawing_that_a_newer_one_of_the_part_has_replaced_is_tried_all_the_same(trainer: Trainer) -> None:

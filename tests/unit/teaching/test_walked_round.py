@@ -10,7 +10,7 @@ import pytest
 from daemon.store.library import load_facets
 from daemon.teaching.mesh import read_mesh
 from daemon.teaching.walked_round import deviations, learnt_round, solid_from, solid_json, stl_of
-from daemon.vision.facets import Fused, fuse, only
+from daemon.vision.facets import FusedLooks, fuse, only
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TeachError
 from tests.fakes.observed_around import DOUBT, solid, tour
@@ -22,7 +22,7 @@ LOW_MM = -20.0
 
 
 @pytest.fixture(scope="module")
-def fused() -> Fused:
+def fused() -> FusedLooks:
     known = fuse(tour(L_PART, 10, np.random.default_rng(4)), DOUBT.shared(), LOW_MM)
     assert known is not None
     return known
@@ -32,7 +32,7 @@ def sure(part: Polyhedron) -> Polyhedron:
     return replace(part, covariance_mm2=np.repeat(0.02**2 * np.eye(3)[None], len(part.corners_mm), axis=0))
 
 
-def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: Fused) -> None:
+def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: FusedLooks) -> None:
     part = learnt_round(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     assert len(part.solid.facets) == len(L_PART.facets) - 1
     assert part.lain == 6
@@ -42,14 +42,14 @@ def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: Fused) -> None:
     assert sorted(part.solid.types).count("rectangle") + part.solid.types.count("square") == 6
 
 
-def test_a_missing_side_is_told_by_the_edges_it_leaves_open(fused: Fused) -> None:
+def test_a_missing_side_is_told_by_the_edges_it_leaves_open(fused: FusedLooks) -> None:
     upright = [k for k, ring in enumerate(fused.polyhedron.rings) if len(ring) == 4]
     rest = only(fused, [k for k in range(len(fused.polyhedron.facets)) if k != upright[0]])
     part = learnt_round(rest, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     assert sum(count for _, count in part.open_edges) + part.lain == part.solid.open_edges
 
 
-def test_a_side_with_a_corner_that_nothing_holds_is_left_out(fused: Fused) -> None:
+def test_a_side_with_a_corner_that_nothing_holds_is_left_out(fused: FusedLooks) -> None:
     solid_seen = fused.polyhedron
     spread = solid_seen.covariance_mm2.copy()
     corner = solid_seen.facets[-1][0]
@@ -64,7 +64,7 @@ def test_nothing_seen_is_nothing_learnt() -> None:
         learnt_round(None, 0.0, LIBRARY)
 
 
-def test_a_learnt_solid_lies_on_its_drawing_side_by_side(fused: Fused) -> None:
+def test_a_learnt_solid_lies_on_its_drawing_side_by_side(fused: FusedLooks) -> None:
     part = learnt_round(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     beside = deviations(part.solid, sure(L_PART))
     assert len({one.facet for one in beside if one}) == len(L_PART.facets) - 1

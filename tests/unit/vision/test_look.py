@@ -26,7 +26,7 @@ from daemon.vision.hypotheses.resting_poses import resting_planes_of
 from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.fits import places_of
+from daemon.vision.recognition.fits import facet_placements
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from tests.fakes import drawn, rendered
@@ -167,7 +167,7 @@ def test_a_look_ends_by_its_budget_and_says_so(model: Model) -> None:
 def test_what_is_made_once_a_model_is_not_on_the_first_looks_budget(model: Model) -> None:
     """Of 64 parts it took most of a second: the first look at a part found nothing, and the next one named it."""
     fresh = {name: replace(known, solid=replace(known.solid)) for name, known in model.metric.items()}
-    made, kept = [], (taught_junctions, resting_planes_of, junction_kinds, resting_junctions_of, places_of)
+    made, kept = [], (taught_junctions, resting_planes_of, junction_kinds, resting_junctions_of, facet_placements)
 
     def clock() -> float:
         made.append(sum(one.cache_info().misses for one in kept))

@@ -25,7 +25,7 @@ from daemon.vision.hypotheses.search import RankedHypotheses, Search, hypotheses
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.group_recognition import Recognised, recognise_group, suspected
+from daemon.vision.recognition.group_recognition import Recognised, recognise_part, suspected_poses
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples
 from daemon.vision.values import Group
 from tests.fakes.printed import print_pair, straight_rig
@@ -58,7 +58,7 @@ def images_of(name: str | None, seed: int = 0) -> StereoImages:
 
 
 def unnamed(group: Group) -> Recognised:
-    part = recognise_group(group, model())
+    part = recognise_part(group, model())
     return Recognised(group, replace(part, recognition=replace(part.recognition, label="unknown")))
 
 
@@ -293,7 +293,7 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     """Which is told by the arm, and may have something on it that the part lies on."""
     known, there = (TablePlane(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
     grounds = []
-    monkeypatch.setattr(by_edges, "seen_table", lambda *_: there if seen else None)
+    monkeypatch.setattr(by_edges, "estimate_table", lambda *_: there if seen else None)
     monkeypatch.setattr(registered, "lies_on_support", lambda ground, solid, pose: grounds.append(ground))
     named_by_edges(images_of("cube"), model(), [], known_table=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
@@ -308,7 +308,7 @@ def test_a_part_of_which_the_cameras_see_no_corner_together_is_named_where_it_re
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 1000))
-    monkeypatch.setattr(by_edges, "seen_table", lambda *_: None)
+    monkeypatch.setattr(by_edges, "estimate_table", lambda *_: None)
     assert named_by_edges(images_of(name), model(), []).named == [], "nobody knows of a table"
     (found,) = named_by_edges(images_of(name), model(), [], known_table=below(name)).named
     corners = frames.apply(WHERE, KNOWN[name].corners_mm)
@@ -367,7 +367,7 @@ def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners()
     alone, with_facet = (
         hypotheses_from_junctions(scene("cube", groups), lambda: 0.0) for groups in ([], [merge_vertices([facet])])
     )
-    assert with_facet.tests == alone.tests + len(suspected(facet, model())[0])
+    assert with_facet.tests == alone.tests + len(suspected_poses(facet, model())[0])
 
 
 @cache

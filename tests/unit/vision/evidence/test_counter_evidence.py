@@ -24,7 +24,7 @@ from daemon.vision.geometry import exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_solid
-from daemon.vision.recognition import recognised
+from daemon.vision.recognition import recognise_group
 from daemon.vision.values import Part
 from tests.bench.look_alikes import shown
 from tests.bench.missing import PRIOR, Seen, agrees, fitted, read, verdict
@@ -83,7 +83,7 @@ def samples(body: Body, where: Array, images: StereoImages) -> list[EdgePlaces]:
 
 def checked(images: StereoImages) -> Part:
     """What becomes of the block's name, which its facets gave."""
-    named = recognised(view_of(BLOCK, WHERE), model())
+    named = recognise_group(view_of(BLOCK, WHERE), model())
     assert named.label == "block"
     (found,) = verified_names([named], model(), images)
     return found.part
@@ -95,7 +95,7 @@ def test_a_part_of_which_nothing_is_missing_keeps_its_name_and_nearly_all_of_its
     assert missing_in_both_px(seen) == 0.0
     part = checked(images_of("block"))
     assert part.recognition.label == "block"
-    before = recognised(view_of(BLOCK, WHERE), model()).part.recognition.confidence
+    before = recognise_group(view_of(BLOCK, WHERE), model()).part.recognition.confidence
     assert before * 0.98 < part.recognition.confidence < before
 
 
@@ -114,7 +114,7 @@ def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_
 
 
 def test_what_has_no_name_is_left_as_it_is() -> None:
-    nameless = recognised(view_of(L_BLOCK, WHERE), model())
+    nameless = recognise_group(view_of(L_BLOCK, WHERE), model())
     assert not nameless.named
     assert verified_names([nameless], model(), images_of("cut")) == (nameless,)
 

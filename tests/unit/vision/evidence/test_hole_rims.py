@@ -36,7 +36,7 @@ TURNS = 2 * np.pi * np.arange(48) / 48
 
 def bored(along_mm: float, radius_mm: float = 7.0) -> Polyhedron:
     """The block with a bore square to its largest faces that lies so far from their middles."""
-    x, y = PLAIN.laid_flat[TOP, :3, :3][:2]
+    x, y = PLAIN.flat_from_solid[TOP, :3, :3][:2]
     middle = PLAIN.centres_mm[TOP] + along_mm * x
     ring = middle + radius_mm * (np.cos(TURNS)[:, None] * x + np.sin(TURNS)[:, None] * y)
     through = (PLAIN.centres_mm[BOTTOM] - PLAIN.centres_mm[TOP]) @ PLAIN.normals[TOP] * PLAIN.normals[TOP]
@@ -207,7 +207,7 @@ def test_a_twin_and_a_turn_are_found_from_the_wrong_one() -> None:
 
 def _laid(solid: Polyhedron) -> Array:
     """drawn_from_part (4, 4) of a part in its own frame."""
-    here, there = (s.laid_flat[TOP] for s in (PLAIN, solid))
+    here, there = (s.flat_from_solid[TOP] for s in (PLAIN, solid))
     return np.asarray(frames.inverse(here) @ there)
 
 

@@ -18,7 +18,7 @@ from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import EdgeHypothesis, Search, edge_distances
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view
-from daemon.vision.recognition import recognised
+from daemon.vision.recognition import recognise_group
 from tests.fakes import painted
 from tests.fakes.printed import straight_rig
 from tests.fakes.solids import Body, pose, prism, view_of
@@ -92,7 +92,7 @@ def test_the_edges_of_a_longer_part_run_on_and_hide_nothing_of_a_shorter_one() -
 def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm: float) -> None:
     images, model = images_of(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
     search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
-    there = recognised(view_of(BLOCK, WHERE), model).part.cyclopean_from_part.copy()
+    there = recognise_group(view_of(BLOCK, WHERE), model).part.cyclopean_from_part.copy()
     there[0, 3] += aside_mm
     (laid,) = registered_at(search, [EdgeHypothesis("block", there)])
     asked = laid.without_hidden(images)

@@ -11,7 +11,7 @@ import pytest
 from daemon import frames
 from daemon.vision.evidence.by_edges import OTHER_RADIUS, OTHER_SIZE
 from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
-from daemon.vision.facets import SeenCircle
+from daemon.vision.facets import MeasuredCircle
 from daemon.vision.geometry import OutlineArc, Polyhedron, exact
 from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import open_stereo
@@ -71,7 +71,7 @@ RADIUS_MM = 14.0
 def with_round_ends() -> Polyhedron:
     """A block of whose outline two arcs of one radius are part, on one face."""
     solid = exact(block().corners_mm, block().facets)
-    x, y = solid.laid_flat[0, :3, :3][:2]
+    x, y = solid.flat_from_solid[0, :3, :3][:2]
     turns = np.linspace(0, np.pi, 24)[:, None]
     half = RADIUS_MM * (np.cos(turns) * x + np.sin(turns) * y)
     arcs = (OutlineArc(0, solid.centres_mm[0] + half + 12 * y), OutlineArc(0, solid.centres_mm[0] - half - 12 * y))
@@ -82,7 +82,7 @@ def radius_nats(share: float, *, beside_mm: float = 0.0) -> float:
     """What circles so many times as large, and so far beside its arcs, say against it."""
     spread = np.diag([0.05**2] * 3 + [1e-4] * 2 + [0.05**2])
     circles = [
-        SeenCircle(
+        MeasuredCircle(
             frames.apply(WHERE, rim.centre_mm[None])[0] + [beside_mm, 0, 0],
             WHERE[:3, :3] @ rim.normal,
             share * rim.radius_mm,

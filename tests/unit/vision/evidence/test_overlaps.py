@@ -14,7 +14,7 @@ from daemon.vision.evidence.overlaps import all_accounted_for, without_overlaps
 from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.group_recognition import Recognised, recognise_group
+from daemon.vision.recognition.group_recognition import Recognised, recognise_part
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 from tests.fakes.painted import paint_pair
 from tests.fakes.printed import print_pair, straight_rig
@@ -41,7 +41,7 @@ def facet(corners_mm: np.ndarray) -> Facet:
 
 def one(*rings: np.ndarray) -> Recognised:
     group = merge_vertices([facet(ring) for ring in rings])
-    return Recognised(group, recognise_group(group, model()))
+    return Recognised(group, recognise_part(group, model()))
 
 
 def view(*groups: Group) -> FacetView:

@@ -16,7 +16,7 @@ from daemon.vision.facets.arc_rings import round_facets
 from daemon.vision.geometry import Hole, Polyhedron, circle_along, exact, newell_normal
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view, symmetries, types_of
-from daemon.vision.recognition import recognise
+from daemon.vision.recognition import recognise_groups
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.fakes.drawn import block, obj, prism
@@ -110,7 +110,7 @@ def test_straight_corners_beside_an_arc_are_where_they_are() -> None:
 def test_a_drawing_with_arcs_is_recalled_by_facets_seen() -> None:
     one = drawing("half.obj", obj(*prism(ring("half"), HIGH)))
     model = taught_from({"half": one})
-    (found,) = (part for part in recognise(view("half").groups, model) if len(part.group.facets) > 1)
+    (found,) = (part for part in recognise_groups(view("half").groups, model) if len(part.group.facets) > 1)
     assert found.label == "half"
     assert {"arc180"} < {facet.type for facet in found.part.facets}
     there = TOWARDS @ drawing_from_taught(one, model.metric["half"].solid)
@@ -132,7 +132,7 @@ def test_what_is_taught_by_looking_keeps_its_arcs() -> None:
 def test_a_bore_is_no_facet_of_its_own() -> None:
     plain = block(64.0, 44.0, 26.0)
     face = int((plain.facing(TOWARDS) * np.linalg.norm(plain.areas_mm2, axis=1)).argmax())
-    x, y = plain.laid_flat[face, :3, :3][:2]
+    x, y = plain.flat_from_solid[face, :3, :3][:2]
     turns = 2 * np.pi * np.arange(48)[:, None] / 48
     rim = plain.centres_mm[face] + 7.0 * (np.cos(turns) * x + np.sin(turns) * y)
     bored = replace(plain, holes=(Hole(face, rim),))

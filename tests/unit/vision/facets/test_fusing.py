@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, merge_vertices, only
+from daemon.vision.facets import FusedLooks, LookFacets, fuse, group_of, merge_vertices, only
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
 from tests.fakes.observed_around import DOUBT, beside_truth, looked_at, place, solid, tour
@@ -22,7 +22,7 @@ L_PART = solid(prism(L_BASE, 40.0))
 SEEDS = st.integers(0, 10_000)
 
 
-def known(looks: list[SeenFrom]) -> Fused:
+def known(looks: list[LookFacets]) -> FusedLooks:
     fused = fuse(looks, SHARED)
     assert fused is not None
     return fused
@@ -37,7 +37,7 @@ def outline_part(rng: np.random.Generator) -> Polyhedron:
     return solid(prism(rng.uniform(28, 45) * np.column_stack([np.cos(turns), np.sin(turns)]), rng.uniform(25, 60)))
 
 
-def lengths_off(fused: Fused, truth: Polyhedron) -> np.ndarray:
+def lengths_off(fused: FusedLooks, truth: Polyhedron) -> np.ndarray:
     ends = fused.polyhedron.lines[0]
     nearest, _ = beside_truth(fused.polyhedron.corners_mm, truth)
     seen, true = (np.linalg.norm(p[ends[:, 1]] - p[ends[:, 0]], axis=1) for p in (
@@ -49,7 +49,7 @@ def lengths_off(fused: Fused, truth: Polyhedron) -> np.ndarray:
 def test_a_tour_knows_every_side_but_the_one_it_lies_on(part: Polyhedron) -> None:
     fused = known(tour(part, 8, np.random.default_rng(1)))
     assert len(fused.polyhedron.facets) == len(part.facets) - 1
-    assert fused.things() == [list(range(len(part.facets) - 1))]
+    assert fused.connected_facets() == [list(range(len(part.facets) - 1))]
     assert fused.confirmed.sum() >= len(part.facets) - 2
     below = max(
         len(ring) for ring in part.facets if part.corners_mm[list(ring), 2].max() < part.centres_mm[:, 2].mean()
@@ -174,7 +174,7 @@ def test_a_facet_that_one_look_put_together_wrongly_spoils_none(seed: int) -> No
 
 def test_nothing_measured_is_nothing_known() -> None:
     assert fuse([], SHARED) is None
-    assert fuse([SeenFrom((), np.eye(4), DOUBT.arm(), 800.0, 60.0)], SHARED) is None
+    assert fuse([LookFacets((), np.eye(4), DOUBT.arm(), 800.0, 60.0)], SHARED) is None
 
 
 def test_two_things_in_view_stay_two() -> None:
@@ -187,8 +187,8 @@ def test_two_things_in_view_stay_two() -> None:
         a, b = (looked_at(part, at, rng, np.zeros(9)) for part in (one, aside))
         looks.append(replace(a, groups=a.groups + b.groups, covariance=DOUBT.arm()))
     fused = known(looks)
-    assert sorted(len(members) for members in fused.things()) == [4, 5]
-    cube = only(fused, max(fused.things(), key=len))
+    assert sorted(len(members) for members in fused.connected_facets()) == [4, 5]
+    cube = only(fused, max(fused.connected_facets(), key=len))
     assert len(cube.polyhedron.corners_mm) == 8
     assert cube.covariance_mm2.shape == (24, 24)
     assert cube.seen.shape == (4, 5)

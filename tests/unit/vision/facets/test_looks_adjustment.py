@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.facets.looks_adjustment import LookCorners, adjusted, shared_motion
+from daemon.vision.facets.looks_adjustment import LookCorners, adjust_looks, shared_motion
 from tests.fakes.observed_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
 from tests.fakes.solids import CUBE
 
@@ -24,7 +24,7 @@ def look(at: np.ndarray, said: np.ndarray | None = None) -> LookCorners:
 
 
 def test_looks_that_agree_leave_everything_where_it_is() -> None:
-    found = adjusted([look(place(turn, 0.7)) for turn in (0.0, 2.0, 4.0)], FLAT, DOUBT.shared())
+    found = adjust_looks([look(place(turn, 0.7)) for turn in (0.0, 2.0, 4.0)], FLAT, DOUBT.shared())
     assert np.abs(found.corners_mm - PART.corners_mm).max() < 1e-6
     assert found.misfit < 1e-3
     assert np.abs(found.error).max() < 1e-6
@@ -34,7 +34,7 @@ def test_a_place_that_the_arm_said_wrongly_is_moved_and_the_part_stays_true() ->
     off = np.array([0.1, -0.1, 0.1, 2e-4, 0.0, 3e-4])
     places = [place(turn, 0.7) for turn in (0.0, 1.6, 3.1, 4.7)]
     looks = [look(places[0], frames.perturb(places[0], off)), *(look(at) for at in places[1:])]
-    found = adjusted(looks, FLAT, DOUBT.shared())
+    found = adjust_looks(looks, FLAT, DOUBT.shared())
     was, now = (np.linalg.norm(p[:3, 3] - places[0][:3, 3]) for p in (looks[0].base_from_cyclopean, found.places[0]))
     assert now < 0.8 * was
     sides = np.linalg.norm(found.corners_mm[PART.lines[0][:, 0]] - found.corners_mm[PART.lines[0][:, 1]], axis=1)
@@ -44,7 +44,7 @@ def test_a_place_that_the_arm_said_wrongly_is_moved_and_the_part_stays_true() ->
 def test_a_corner_far_off_in_one_look_loses_its_say() -> None:
     looks = [look(place(turn, 0.7)) for turn in (0.0, 1.6, 3.1, 4.7)]
     looks[1].points_mm[3] += [1.5, 0.0, 0.0]
-    found = adjusted(looks, FLAT, DOUBT.shared())
+    found = adjust_looks(looks, FLAT, DOUBT.shared())
     assert np.abs(found.corners_mm - PART.corners_mm).max() < 0.06
 
 
@@ -59,7 +59,7 @@ def test_a_corner_no_look_measured_is_where_its_planes_meet() -> None:
                 FOCAL_PX, BASELINE_MM,
             )
         )  # fmt: skip
-    found = adjusted(looks, FLAT, DOUBT.shared(), PART.corners_mm[-1:] + 0.8)
+    found = adjust_looks(looks, FLAT, DOUBT.shared(), PART.corners_mm[-1:] + 0.8)
     assert np.abs(found.corners_mm[-1] - PART.corners_mm[-1]).max() < 0.02
     assert found.covariance_mm2.shape == (24, 24)
 

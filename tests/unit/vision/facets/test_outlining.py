@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.vision.facets.outlining import Plane, outlines, plane_of, supposed
+from daemon.vision.facets.outlining import Plane, assumed_plane, fit_facet_plane, outlines
 from daemon.vision.geometry import Polyhedron
 from tests.fakes.observed_around import solid
 from tests.fakes.solids import CUBE, L_BASE, prism
@@ -17,7 +17,7 @@ L_PART = solid(prism(L_BASE, 40.0))
 def seen(part: Polyhedron, facet: int, pieces: list[np.ndarray] | None = None, looks: int = 1) -> Plane:
     """A facet's plane of exact pieces; its whole outline where no pieces are given."""
     shown = [part.corners_mm[part.rings[facet]]] if pieces is None else pieces
-    return plane_of(shown, [np.full(len(piece), 0.05) for piece in shown], looks)
+    return fit_facet_plane(shown, [np.full(len(piece), 0.05) for piece in shown], looks)
 
 
 def same(ring: np.ndarray, true: np.ndarray) -> bool:
@@ -77,7 +77,7 @@ def test_a_side_measured_wrongly_by_one_look_of_six_is_outvoted() -> None:
 
 def test_a_plane_nobody_saw_ends_a_facet_only_where_pieces_end() -> None:
     facet = BOX.corners_mm[BOX.rings[1]]
-    through = supposed(facet.mean(0), facet[1] - facet[0])
+    through = assumed_plane(facet.mean(0), facet[1] - facet[0])
     ((ring,),) = outlines([seen(BOX, 1)], [through])
     assert same(ring, facet)
 
@@ -86,7 +86,7 @@ def test_what_one_look_saw_cuts_nothing_from_what_several_saw() -> None:
     several = [seen(BOX, k, looks=3) for k in range(6)]
     a, b, c, d = BOX.corners_mm[BOX.rings[0]]
     into = 8.0 * BOX.normals[0]
-    false = plane_of([np.array([a, b, c - into, d - into])], [np.full(4, 0.1)], 1)
+    false = fit_facet_plane([np.array([a, b, c - into, d - into])], [np.full(4, 0.1)], 1)
     for rings, true in zip(outlines([*several, false])[:6], BOX.rings, strict=True):
         (ring,) = rings
         assert same(ring, BOX.corners_mm[true])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.candidates import PolygonMatch, in_both, match_polygons, outlines_of
-from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
+from daemon.vision.facets.corner_adjustment import EdgeObservations, solve_corners
 from daemon.vision.facets.grouping import lying_under
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig, baseline
@@ -98,7 +98,7 @@ def test_corners_settle_where_exact_sides_put_them(seed: int) -> None:
     corners = frames.apply(pose(rng.normal(size=3), rng.uniform(0, 6)), CUBE.corners_mm[list(CUBE.facets[1])])
     ring = np.arange(4)
     left, right = (pulls_of(corners, ring, s * both.length_mm / 2) for s in (1, -1))
-    solid = settle(corners + rng.normal(0, 0.5, corners.shape), left, right, [ring], both)
+    solid = solve_corners(corners + rng.normal(0, 0.5, corners.shape), left, right, [ring], both)
     depths = np.abs(solid.corners_mm - corners)
     assert depths.max() < 0.05 + 3 * np.sqrt(np.trace(solid.covariance_mm2, axis1=1, axis2=2).max())
     assert solid.misfit < 0.1
@@ -192,12 +192,12 @@ def test_an_empty_view_has_no_limit() -> None:
 def test_a_facet_carries_its_own_uncertainty() -> None:
     where = pose(DIRECTION, 0.4, 340.0)
     truth = frames.apply(where, CUBE.corners_mm)
-    pulls = []
+    edge_observations = []
     for seed in range(6):
         view = find_facets(*paint_pair([(CUBE, where)], np.random.default_rng(seed)), rig())
         for facet in (f for g in view.groups for f in g.facets):
-            pulls += [pull(facet, k, truth) for k in range(len(facet.corners_mm))]
-    assert 0.2 < np.median(pulls) < 2.0
+            edge_observations += [pull(facet, k, truth) for k in range(len(facet.corners_mm))]
+    assert 0.2 < np.median(edge_observations) < 2.0
 
 
 def pull(facet: Facet, corner: int, truth: Array) -> float:

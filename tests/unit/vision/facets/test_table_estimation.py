@@ -9,7 +9,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import table_estimation
-from daemon.vision.facets.table_estimation import _plane, seen_table
+from daemon.vision.facets.table_estimation import _plane, estimate_table
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import baseline
 from daemon.vision.image.stereo_images import open_stereo
@@ -26,7 +26,7 @@ def table_at(distance_mm: float, tilt: float, roll: float) -> Array:
 
 def seen(where: Array, body=None, lies=None, known: TablePlane | None = None, **kind) -> TablePlane | None:
     pair = print_pair(body, where if lies is None else lies, table=where, **{"speckled": True, **kind})
-    return seen_table(open_stereo(*pair, straight_rig()), known)
+    return estimate_table(open_stereo(*pair, straight_rig()), known)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_threads_along_the_baseline_say_nothing_of_the_distance() -> None:
 def test_noise_is_no_table() -> None:
     rng = np.random.default_rng(5)
     noise = [rng.integers(0, 255, (480, 640)).astype(np.uint8) for _ in range(2)]
-    assert seen_table(open_stereo(*noise, straight_rig())) is None
+    assert estimate_table(open_stereo(*noise, straight_rig())) is None
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
         disparities[:40] = disparities[125:] = disparities[:, :45] = disparities[:, 180:] = 0.0
     disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
     monkeypatch.setattr(table_estimation, "_disparities", lambda *_: disparities)
-    assert (seen_table(images) is not None) == table
+    assert (estimate_table(images) is not None) == table
 
 
 @pytest.mark.parametrize("slant", [0.0, 0.3])
@@ -157,11 +157,11 @@ def test_grain_at_a_slant_is_seen_by_upright_cameras_and_by_others_where_the_tab
     where = table_at(340.0, 0.0, 0.9)
     images = open_stereo(*print_pair(None, where, table=where, speckled=True), straight_rig())
     monkeypatch.setattr(table_estimation, "_pictures", lambda _, canvas: grain(slant, canvas))
-    found = seen_table(images)
+    found = estimate_table(images)
     assert (found is not None) == upright
     up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
     known = TablePlane(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
-    assert seen_table(images, known).up @ known.up > np.cos(np.radians(1.0))
+    assert estimate_table(images, known).up @ known.up > np.cos(np.radians(1.0))
 
 
 def grain(slant: float, canvas: table_estimation.Rectified) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron, before_alike, exact
+from daemon.vision.geometry import Polyhedron, exact, hides_parallel_facet
 from tests.fakes.drawn import box, prism
 
 STAIRS = exact(*prism([(0, 0), (60, 0), (60, 15), (40, 15), (40, 40), (0, 40)], 50))
@@ -15,7 +15,7 @@ STAIRS = exact(*prism([(0, 0), (60, 0), (60, 15), (40, 15), (40, 40), (0, 40)], 
 def seen_from(solid: Polyhedron, camera: Array) -> Flags:
     """(E,) which of its lines a camera sees before a facet that faces the same way, in their middles."""
     ends = solid.corners_mm[solid.lines[0]]
-    return before_alike(solid, ends.mean(1)[:, None], camera)[:, 0]
+    return hides_parallel_facet(solid, ends.mean(1)[:, None], camera)[:, 0]
 
 
 def line(*ends: tuple[float, float, float]) -> int:
@@ -32,4 +32,4 @@ def test_the_edge_of_a_step_is_before_the_tread_only_from_where_the_riser_does_n
 
 
 def test_a_convex_solid_has_none() -> None:
-    assert not exact(*box()).alike_behind
+    assert not exact(*box()).parallel_behind

@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import SeenCircle, circles_seen
+from daemon.vision.facets import MeasuredCircle, find_circles
 from daemon.vision.geometry import Hole, Polyhedron, SolidBatch
 from daemon.vision.hypotheses.circles import poses_from_circles, rims_of, taught_radii
 from daemon.vision.image import StereoImages, open_stereo
@@ -29,7 +29,7 @@ BORES = (-16.0, 5.0), (0.0, 3.0), (15.0, 5.0)
 @cache
 def bored() -> Polyhedron:
     """A block with three bores in a row in its top, turned to both cameras at WHERE."""
-    x, y = PLAIN.laid_flat[TOP, :3, :3][:2]
+    x, y = PLAIN.flat_from_solid[TOP, :3, :3][:2]
     turns = 2 * np.pi * np.arange(48) / 48
     circle = np.cos(turns)[:, None] * x + np.sin(turns)[:, None] * y
     return replace(PLAIN, holes=tuple(Hole(TOP, PLAIN.centres_mm[TOP] + a * x + r * circle) for a, r in BORES))
@@ -54,9 +54,9 @@ def painted() -> StereoImages:
 
 
 @cache
-def seen() -> list[SeenCircle]:
+def seen() -> list[MeasuredCircle]:
     """What both cameras see of it."""
-    return circles_seen(painted(), taught_radii((bored(),)))
+    return find_circles(painted(), taught_radii((bored(),)))
 
 
 def test_the_rims_of_bores_are_found_in_space_with_their_normals_and_radii() -> None:
@@ -73,13 +73,13 @@ def test_the_rims_of_bores_are_found_in_space_with_their_normals_and_radii() -> 
 def test_two_ellipses_at_different_heights_are_no_circle() -> None:
     images = paint_pair([(bored(), where())], np.random.default_rng(2), rig())
     lower = open_stereo(images[0], np.roll(images[1], 9, axis=0), rig())
-    assert circles_seen(lower, taught_radii((bored(),))) == []
+    assert find_circles(lower, taught_radii((bored(),))) == []
 
 
 def test_circles_of_other_radii_than_the_taught_rims_are_left_out() -> None:
-    assert circles_seen(painted(), np.array([20.0])) == []
-    assert circles_seen(painted(), np.zeros(0)) == []
-    (one,) = circles_seen(painted(), np.array([3.0]))
+    assert find_circles(painted(), np.array([20.0])) == []
+    assert find_circles(painted(), np.zeros(0)) == []
+    (one,) = find_circles(painted(), np.array([3.0]))
     assert one.radius_mm == pytest.approx(3.0, rel=0.06)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.model import Model
-from daemon.vision.recognition.confidence import by_chance, probability, ways_tried
+from daemon.vision.recognition.confidence import count_correspondences, fits_by_chance, label_probabilities
 from daemon.vision.recognition.fits import FacetHypothesis
 from tests.fakes.drawn import block, obj, prism, solid
 from tests.fakes.remembered import hypotheses, remembered
@@ -54,19 +54,19 @@ def among_others() -> Model:
 
 
 def chance(seen: Polyhedron, model: Model) -> float:
-    return by_chance(seen, fits(seen, model)[0], model)[0]
+    return fits_by_chance(seen, fits(seen, model)[0], model)[0]
 
 
 def test_a_fit_of_well_measured_corners_is_proof() -> None:
     model = knows(BRICK)
     seen = view(BRICK, CORNER)
-    assert probability(seen, fits(seen, model), model)["part 0"] > 0.999
+    assert label_probabilities(seen, fits(seen, model), model)["part 0"] > 0.999
 
 
 def test_corners_that_are_unsure_fit_anything_and_prove_nothing() -> None:
     model = among_others()
     sure, unsure, blind = (view(BRICK, PAIR, sigma_mm) for sigma_mm in (0.2, 3.0, 12.0))
-    told = [probability(seen, fits(seen, model), model)["part 0"] for seen in (sure, unsure, blind)]
+    told = [label_probabilities(seen, fits(seen, model), model)["part 0"] for seen in (sure, unsure, blind)]
     assert told[0] > 0.999 > told[1] > 0.9 > told[2]
     assert told[2] < 0.5
 
@@ -95,28 +95,28 @@ def test_the_worse_the_sizes_fit_the_less_it_is_believed(off_mm: float, more_mm:
     told = []
     for longer in (off_mm, off_mm + more_mm):
         seen = view(block(40 + longer, 52, 66), CORNER)
-        told.append(probability(seen, fits(seen, model), model)["part 0"])
+        told.append(label_probabilities(seen, fits(seen, model), model)["part 0"])
     assert 0 <= told[1] <= told[0] <= 1
 
 
 def test_two_parts_that_fit_alike_halve_the_belief_in_either() -> None:
     model = knows(BRICK, block(40, 52, 66))
     seen = view(BRICK, CORNER)
-    both = probability(seen, fits(seen, model), model)
+    both = label_probabilities(seen, fits(seen, model), model)
     assert both["part 0"] == pytest.approx(0.5, abs=0.01) == both["part 1"]
 
 
 def test_a_part_that_differs_by_more_than_was_measured_takes_nothing_away() -> None:
     model = knows(BRICK, block(40, 52, 70))
     seen = view(BRICK, CORNER)
-    assert probability(seen, fits(seen, model), model)["part 0"] > 0.999
+    assert label_probabilities(seen, fits(seen, model), model)["part 0"] > 0.999
 
 
 def test_ways_are_counted_by_the_edge_between_facets_that_is_rarest() -> None:
     wedge = solid("wedge.obj", obj(*prism([(0, 0), (40, 0), (0, 30)], 60)))
     both = knows(BRICK, wedge)
-    assert ways_tried(view(BRICK, PAIR), both.metric) == 2 * 12 + 2 * 3
+    assert count_correspondences(view(BRICK, PAIR), both.metric) == 2 * 12 + 2 * 3
     triangle = next(k for k, ring in enumerate(wedge.facets) if len(ring) == 3)
     beside = int(np.flatnonzero(wedge.touching[triangle])[0])
-    assert ways_tried(view(wedge, [triangle, beside]), both.metric) == 6
-    assert ways_tried(view(wedge, [triangle]), both.metric) == 2 * 3
+    assert count_correspondences(view(wedge, [triangle, beside]), both.metric) == 6
+    assert count_correspondences(view(wedge, [triangle]), both.metric) == 2 * 3

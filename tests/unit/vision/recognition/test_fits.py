@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model.correspond import spread_from
+from daemon.vision.model.correspond import correspondences_from
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.symmetry import symmetries
-from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_poses, places_of, recalled
+from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_placements, facet_poses, recall_views
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
 from tests.fakes.remembered import hypotheses, remembered
@@ -69,9 +69,9 @@ def test_of_many_parts_only_those_are_laid_whose_lengths_could_be_the_seen_ones(
     body = Body(many["brick 7"].corners_mm, many["brick 7"].facets)
     laid = []
     monkeypatch.setattr(
-        sys.modules[recalled.__module__],
-        "spread_from",
-        lambda seen, taught, places: laid.extend(places) or spread_from(seen, taught, places),
+        sys.modules[recall_views.__module__],
+        "correspondences_from",
+        lambda seen, taught, places: laid.extend(places) or correspondences_from(seen, taught, places),
     )
     seen = seen_of(body, pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
     assert hypotheses(seen, remembered(many, SETTINGS), 1.0)[0].label == "brick 7"
@@ -153,4 +153,4 @@ def test_a_solid_two_of_whose_corners_lie_at_one_place_has_its_facets_as_it_lies
     double = facets[0][0]
     facets[0][0] = len(cube.corners_mm)
     split = exact(np.vstack([cube.corners_mm, cube.corners_mm[double]]), facets)
-    assert sum(len(places.which) for places in places_of((split,)).values()) >= len(facets)
+    assert sum(len(places.which) for places in facet_placements((split,)).values()) >= len(facets)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.model.model import Model, learn_view
-from daemon.vision.recognition.group_recognition import recognise, recognise_group, standing
+from daemon.vision.recognition.group_recognition import candidate_poses, recognise_groups, recognise_part
 from daemon.vision.values import Facet, Part
 from tests.fakes.remembered import SIX_VIEWS, shown
 from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
@@ -29,7 +29,7 @@ def taught() -> Model:
 
 def look(body: Body, direction: tuple[float, ...], roll: float, seed: int, noise: float = 1.0) -> Part:
     rng = np.random.default_rng(seed)
-    return recognise_group(view_of(body, pose(np.array(direction), roll), rng, noise), taught())
+    return recognise_part(view_of(body, pose(np.array(direction), roll), rng, noise), taught())
 
 
 def named_or_silent(part: Part, label: str) -> bool:
@@ -64,7 +64,7 @@ def test_what_stands_leaves_a_share_to_what_was_not_taught_and_a_name_has_the_su
     label: str, direction: tuple[float, ...], roll: float, seed: int
 ) -> None:
     seen = view_of({**KNOWN, **STRANGERS}[label], pose(np.array(direction), roll), np.random.default_rng(seed))
-    found, told = standing(seen, taught()), recognise_group(seen, taught()).recognition
+    found, told = candidate_poses(seen, taught()), recognise_part(seen, taught()).recognition
     shares = [one.probability for one in found]
     assert shares == sorted(shares, reverse=True)
     assert 0 <= sum(shares) < 1 + 1e-9
@@ -93,7 +93,7 @@ def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
     order = rng.permutation(len(group.facets))
     turned = tuple(rolled(group.facets[k], int(rng.integers(5))) for k in order)
     shuffled = merge_vertices(turned)
-    one, other = recognise_group(group, taught()), recognise_group(shuffled, taught())
+    one, other = recognise_part(group, taught()), recognise_part(shuffled, taught())
     assert one.recognition.label == other.recognition.label
     assert one.recognition.match_ratio == other.recognition.match_ratio
     assert one.recognition.activation == pytest.approx(other.recognition.activation, abs=1e-12)
@@ -122,9 +122,9 @@ def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
     cuts = 0
     for one in combinations(range(4), 2):
         halves = [merge_vertices(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
-        if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
+        if all(recognise_part(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
             cuts += 1
-            (found,) = recognise(halves, taught())
+            (found,) = recognise_groups(halves, taught())
             assert (found.label, len(found.part.facets)) == ("pentagonal_prism", 4)
     assert cuts >= 2
 
@@ -133,7 +133,7 @@ def test_two_like_parts_that_lie_edge_to_edge_stay_two() -> None:
     at = pose(np.array([0.5, 0.4, 1.0]), 0.2)
     beside = at @ frames.rigid(np.eye(3), np.array([0.0, 50.0, 0.0]))
     groups = tuple(view_of(CUBE, place, np.random.default_rng(k)) for k, place in enumerate((at, beside)))
-    assert [r.label for r in recognise(groups, taught())] == ["cube", "cube"]
+    assert [r.label for r in recognise_groups(groups, taught())] == ["cube", "cube"]
 
 
 def test_a_lone_square_is_said_to_fit_cube_and_pyramid() -> None:
@@ -158,8 +158,8 @@ def test_the_mirror_image_of_a_handed_part_is_refused() -> None:
     )
     model = learn_view(taught(), view_of(handed, pose(np.array([-0.5, -0.6, -0.4]), 0.0)), "corner piece")
     rng = np.random.default_rng(0)
-    same = recognise_group(view_of(handed, pose(np.array([-0.4, -0.5, -0.6]), 1.0), rng), model)
-    mirrored = recognise_group(view_of(handed.mirrored(), pose(np.array([0.4, -0.5, -0.6]), 1.0), rng), model)
+    same = recognise_part(view_of(handed, pose(np.array([-0.4, -0.5, -0.6]), 1.0), rng), model)
+    mirrored = recognise_part(view_of(handed.mirrored(), pose(np.array([0.4, -0.5, -0.6]), 1.0), rng), model)
     assert same.recognition.label == "corner piece"
     assert mirrored.recognition.label == "unknown"
 
@@ -187,7 +187,7 @@ def test_corners_of_a_recognised_part_are_nearer_the_truth_than_the_measured_one
         rng = np.random.default_rng(seed)
         where = pose(rng.normal(size=3), float(rng.uniform(-3, 3)))
         body = list(KNOWN.values())[seed % 4]
-        part = recognise_group(view_of(body, where, rng), taught())
+        part = recognise_part(view_of(body, where, rng), taught())
         if part.recognition.label != "unknown":
             true = frames.apply(where, body.corners_mm)
             for facet, corners in zip(part.facets, part.fitted_mm, strict=True):
@@ -208,8 +208,8 @@ def test_what_is_taught_later_leaves_earlier_parts_alone() -> None:
     more = learn_view(model, view_of(hexagonal, pose(np.array([0.6, 0.3, 0.5]), 0.0)), "hexagonal_prism")
     rng = np.random.default_rng(5)
     seen = view_of(hexagonal, pose(np.array([0.5, 0.6, 0.6]), 1.0), rng)
-    assert recognise_group(seen, more).recognition.label == "hexagonal_prism"
-    assert recognise_group(seen, model).recognition.label == "unknown"
+    assert recognise_part(seen, more).recognition.label == "hexagonal_prism"
+    assert recognise_part(seen, model).recognition.label == "unknown"
     for label, metric in model.metric.items():
         np.testing.assert_array_equal(metric.solid.corners_mm, more.metric[label].solid.corners_mm)
 
@@ -218,7 +218,7 @@ def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
     rng = np.random.default_rng(2)
     group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
     apart = tuple(merge_vertices([f]) for f in group.facets)
-    assert [r.label for r in recognise(apart, taught())] == ["triangular_prism"]
+    assert [r.label for r in recognise_groups(apart, taught())] == ["triangular_prism"]
 
 
 def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
@@ -229,4 +229,4 @@ def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
     shadow = measured(np.stack([high, low, low + aside, high + 0.6 * aside]), None)
     whole = merge_vertices((*group.facets, shadow))
     assert whole.touching[0, -1]
-    assert "cube" in [r.label for r in recognise([whole], taught())]
+    assert "cube" in [r.label for r in recognise_groups([whole], taught())]

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model import Model, empty_model, relational_view, types_of
-from daemon.vision.recognition.fits import Recalled, recalled
-from daemon.vision.recognition.group_recognition import recognise_group, standing
+from daemon.vision.recognition.fits import Recalled, recall_views
+from daemon.vision.recognition.group_recognition import candidate_poses, recognise_part
 from daemon.vision.values import Group
 from tests.fakes import drawn
 from tests.fakes.remembered import LIBRARY, SIX_VIEWS, remembered, shown
@@ -30,7 +30,7 @@ def taught() -> Model:
 
 
 def asked(group: Group, model: Model, vigilance: float = 0.995) -> tuple[Recalled, ...]:
-    return recalled(group.polyhedron, types_of(group.facets, model.library), model, vigilance)
+    return recall_views(group.polyhedron, types_of(group.facets, model.library), model, vigilance)
 
 
 def body_of(solid: Polyhedron) -> Body:
@@ -41,10 +41,10 @@ def test_a_view_is_recalled_as_it_was_taught_with_what_lies_behind_each_facet_an
     label, body, direction = SHOWN[2]
     group = view_of(body, pose(np.array(direction), 0.9), np.random.default_rng(8))
     first = asked(group, taught())[0]
-    assert (first.label, first.node, first.ratio, first.way.explained) == (label, 2, 1.0, 4)
+    assert (first.label, first.node, first.ratio, first.correspondence.explained) == (label, 2, 1.0, 4)
     solid = taught().metric[label].solid
-    for ring, facet in zip(group.polyhedron.facets, first.way.facets, strict=True):
-        assert {int(first.way.corners[k]) for k in ring} == set(solid.facets[facet])
+    for ring, facet in zip(group.polyhedron.facets, first.correspondence.facets, strict=True):
+        assert {int(first.correspondence.corners[k]) for k in ring} == set(solid.facets[facet])
 
 
 def test_a_view_of_which_one_taught_view_showed_some_and_another_the_rest_is_recalled_by_its_pairs() -> None:
@@ -55,8 +55,8 @@ def test_a_view_of_which_one_taught_view_showed_some_and_another_the_rest_is_rec
     assert len(model.artmap.recall(whole, 0.0).node) == 0, "no node knows four facets so joined"
     found = asked(group, model)
     assert {one.label for one in found} == {"pentagonal_prism"}
-    assert {one.way.explained for one in found} == {4}
-    assert recognise_group(group, model).recognition.label == "pentagonal_prism"
+    assert {one.correspondence.explained for one in found} == {4}
+    assert recognise_part(group, model).recognition.label == "pentagonal_prism"
 
 
 def test_what_explains_more_facets_is_proposed_alone() -> None:
@@ -65,10 +65,10 @@ def test_what_explains_more_facets_is_proposed_alone() -> None:
     angle = half.only(half.seams[0])
     group = view_of(CUBE, pose(np.array([1.0, 0.1, 0.8]), 0.2), np.random.default_rng(2))
     both = asked(group, remembered({"cube": half, "angle": angle}))
-    assert {(one.label, one.way.explained) for one in both} == {("cube", 3)}
+    assert {(one.label, one.correspondence.explained) for one in both} == {("cube", 3)}
     alone = asked(group, remembered({"angle": angle}))
-    assert {(one.label, one.way.explained) for one in alone} == {("angle", 2)}
-    assert all(-1 in one.way.facets for one in alone)
+    assert {(one.label, one.correspondence.explained) for one in alone} == {("angle", 2)}
+    assert all(-1 in one.correspondence.facets for one in alone)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_a_facet_whose_type_is_left_open_is_recalled_either_way(types, labels) -
     side = int(np.flatnonzero(seen.touching[face])[0])
     pair = seen.only((face, side))
     unsure = replace(pair, covariance_mm2=np.repeat(0.7**2 * np.eye(3)[None], len(pair.corners_mm), 0))
-    found = recalled(unsure, [types, ("rectangle",)], model, 1.0)
+    found = recall_views(unsure, [types, ("rectangle",)], model, 1.0)
     assert {one.label for one in found} == labels
 
 
@@ -121,7 +121,7 @@ def test_a_box_is_recalled_at_each_of_its_corners_beside_whatever_shows_the_same
         found = {one.label for one in asked(group, model, 1.0)}
         assert "brick" in found
         rivals.append(tuple(sorted(found - {"brick"})))
-        told = recognise_group(group, model).recognition
+        told = recognise_part(group, model).recognition
         assert told.label == "unknown"
         assert set(told.candidates) == found
     assert sorted(rivals) == [("cut here",)] * 4 + [("cut there",)] * 4
@@ -133,7 +133,7 @@ def test_without_nodes_nothing_is_recalled_and_nothing_is_named(label, direction
     empty = replace(taught(), artmap=empty_model(LIBRARY).artmap)
     group = view_of(KNOWN[label], pose(np.array(direction), 0.4), np.random.default_rng(seed))
     assert asked(group, empty, 0.0) == ()
-    assert recognise_group(group, empty).recognition.label == "unknown"
+    assert recognise_part(group, empty).recognition.label == "unknown"
 
 
 @settings(max_examples=60, deadline=None)
@@ -143,7 +143,7 @@ def test_with_the_labels_of_nodes_permuted_no_name_is_right(label, direction, se
     wrong = replace(model, artmap=replace(model.artmap, counts=np.roll(model.artmap.counts, by, axis=1)))
     assert all(a != b for a, b in zip(model.artmap.node_labels, wrong.artmap.node_labels, strict=True))
     group = view_of(KNOWN[label], pose(np.array(direction), 0.4), np.random.default_rng(seed))
-    assert recognise_group(group, wrong).recognition.label != label
+    assert recognise_part(group, wrong).recognition.label != label
 
 
 def test_what_lies_in_a_nodes_slots_is_told_by_a_view_that_was_joined() -> None:
@@ -165,14 +165,14 @@ def test_the_view_that_is_told_is_the_one_that_was_measured_and_proved() -> None
     model, named = remembered({"nut": nut}), 0
     for seed, towards in enumerate(np.random.default_rng(7).normal(size=(40, 3))):
         group = view_of(body_of(nut), pose(towards, 0.3), np.random.default_rng(seed))
-        told, (best, *_) = recognise_group(group, model).recognition, (*standing(group, model), None)
+        told, (best, *_) = recognise_part(group, model).recognition, (*candidate_poses(group, model), None)
         if told.label != "nut":
             continue
         named += 1
         node = int(told.reason.partition("(node ")[2].partition(")")[0]) - 1
         ways = [one for level in (1.0, 0.995) for one in asked(group, model, level) if one.node == node]
         assert best is not None
-        assert best.facets in [one.way.facets for one in ways]
+        assert best.facets in [one.correspondence.facets for one in ways]
         assert told.match_ratio in [one.ratio for one in ways]
     assert named > 20
 
@@ -181,7 +181,7 @@ def test_a_lone_facet_and_facets_that_do_not_hang_together_recall_nothing() -> N
     group = view_of(CUBE, pose(np.array([1.0, 0.5, 0.8]), 0.2))
     assert asked(group.only([0]), taught(), 0.0) == ()
     opposite = exact_two(CUBE)
-    assert recalled(opposite, [("square",)] * 2, taught(), 0.0) == ()
+    assert recall_views(opposite, [("square",)] * 2, taught(), 0.0) == ()
 
 
 def exact_two(body: Body) -> Polyhedron:
