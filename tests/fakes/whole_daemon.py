@@ -50,6 +50,7 @@ from daemon.cell.val2_arm import Val2Arm, belongs_together
 from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
+from daemon.console.context import CommandContext
 from daemon.events.outcomes import Outcome
 from daemon.maintenance import journal
 from daemon.pick.outcome import CycleEnd
@@ -709,6 +710,14 @@ class Story:
     def alive(self) -> bool:
         """Whether a daemon runs."""
         return self._live is not None and not self._live.done()
+
+    @property
+    def context(self) -> CommandContext:
+        """What the commands of the daemon that runs, or ran last, work on. For a test that looks at, or waits for, one
+        moment in it; raises AssertionError before it has its devices."""
+        context = self._service.context
+        assert context is not None
+        return context
 
     @property
     def at_work(self) -> bool:

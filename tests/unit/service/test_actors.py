@@ -281,8 +281,7 @@ def test_a_controller_that_repeats_an_old_place_begins_no_way_from_there():
 def pick_up_to(story: Story, state: PickState) -> None:
     """A pick has come so far."""
     typed(story, "pick cube", 1.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     until(story, lambda: context.cycle.state is state)
 
 
@@ -427,8 +426,7 @@ def test_a_bin_that_is_moved_amid_a_pick_is_the_next_picks():
 
 def test_a_home_that_is_moved_amid_a_pick_is_the_next_picks():
     def act(story: Story) -> str | None:
-        context = story._service.context
-        assert context is not None
+        context = story.context
         before = context.cycle.positions()["home"]
         pick_up_to(story, PickState.LOOKING)
         story.write_config(home={"point_mm": [400, 60, 80], "heading_deg": 90, "tilt_deg": 20})
@@ -517,8 +515,7 @@ def test_of_a_pick_on_a_disk_that_fails_at_any_write_nothing_is_lost_unsaid(
             told = any("TROUBLE" in text for text in story.texts)
             wrong = picked_or(story, "not picked")
         typed(story, "scatter", 3.0)
-        context = story._service.context
-        assert context is not None
+        context = story.context
         records = [json.loads(line) for line in (context.run_log.folder / "run.jsonl").read_bytes().splitlines()]
         gaps = sum(record["lost"] for record in records if record["kind"] == "gap")
         return wrong or ("lost unsaid" if gaps < len(lost) else None if told else "untold")

@@ -74,8 +74,7 @@ def test_a_calibration_that_is_refused_while_a_part_is_let_go_puts_no_part_back_
     story.wait(0.3)
     story.sockets[1].say("calibrate verify")
     story.wait(3.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert "busy: pick" in story.texts
     assert context.cycle.belief.holds_part is False
     assert context.cycle.supervisor.mover.belief.capsules == ()
@@ -271,8 +270,7 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {refused}"
     assert {refused, disabled} <= set(story.texts)
     assert NO_LONGER not in story.texts
-    context = story._service.context
-    assert context is not None
+    context = story.context
     guarded, read = context.cycle.settings.limits, context.config.values.pick.limits
     assert guarded.box_low_mm == read.box_low_mm == (0, -650, -300)
     assert story.violations() == ()
@@ -280,8 +278,7 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
 
 def test_a_reload_guards_no_other_arm_than_the_one_that_stands_there(story: Story) -> None:
     """An arm.yaml of a smaller arm, for the next start: its body was guarded at once, and the larger arm moved on."""
-    context = story._service.context
-    assert context is not None
+    context = story.context
     before = context.cycle.settings.limits.capsules
     small = yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, 127.0, 203.2)))
     (story.folder / "arm.yaml").write_text(small)
@@ -311,8 +308,7 @@ def test_of_two_reloads_the_later_one_counts(story: Story) -> None:
         story.sockets[frontend].say("reload")
         story.wait(0.01)
     story.wait(2.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.settings.limits.max_step_mm == context.config.values.pick.limits.max_step_mm == 300.0
     assert story.violations() == ()
 
@@ -459,8 +455,7 @@ def test_an_answer_to_what_is_in_the_hand_counts_only_as_long_as_things_are_as_i
 ) -> None:
     """Somebody else had said it meanwhile, and the arm was on its way with the part: it was guarded no more."""
     story = Story(holds=True)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     story.sockets[0].say("enable")
     story.wait(0.5)
     closed_by_a_word(story)
@@ -572,8 +567,7 @@ def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enab
     assert any("The arm is disabled: `enable`" in text for text in story.texts)
     story.sockets[0].send({"leave": True})
     story.wait(2.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.hardware.robot.permit.stop_seen
     assert not context.cycle.status()["enabled"]
     assert story.violations() == ()
@@ -679,8 +673,7 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     with story.cell.server.controller() as controller:  # type: ignore[union-attr]
         controller.receive(b"SPEED 100\r", controller.now_s)
     story.wait(20.0)
-    assert story._service.context is not None
-    cycle = story._service.context.cycle
+    cycle = story.context.cycle
     assert not cycle.supervisor.enabled
     assert cycle.supervisor.mover.belief.closed is None
     assert cycle.belief.holds_part is None
@@ -716,8 +709,7 @@ def second_move_waits(
     for text in ("step on", "go bin"):
         mover.say(text)
         story.wait(0.5)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     first = context.cycle.status()["pending"]
     story.wait(1.0)
     sender.say("confirm")
@@ -775,8 +767,7 @@ def test_no_move_sets_out_after_a_hold_that_was_said_while_its_speed_was_being_t
 
 def kill(story: Story) -> None:
     """SIGKILL: what it would have done at its end is not done; what is in its files is."""
-    context = story._service.context
-    assert context is not None
+    context = story.context
     context.run_log.close = lambda *_, **__: None  # type: ignore[method-assign]
     story.terminate()
     story.start()
@@ -809,8 +800,7 @@ def test_a_hand_that_was_closed_when_the_daemon_was_killed_is_not_taken_for_empt
     kill(story)
     story.sockets[0].say("status")
     story.wait(0.5)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.status()["holding"] is None
     assert story.violations() == ()
 
@@ -824,16 +814,14 @@ def test_an_arm_found_at_work_is_asked_about_at_that_start_and_not_at_the_next(s
     story.start()
     story.wait(1.0)
     assert controller.machine.at_rest()
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert "at work: the controller was still carrying out" in str(context.cycle.status()["fault"])
     story.sockets[0].say("resume")
     story.wait(1.0)
     assert "Fault cleared" in story.texts[-1]
     story.terminate()
     story.start()
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.status()["fault"] is None
     assert context.troubles.active == {}
 
@@ -887,16 +875,14 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
     story.sockets[0].say("go bin")
     story.wait(0.3)
     story.cell.controller.faults.refusals.append("*Location out of range*")
-    context = story._service.context
-    assert context is not None
+    context = story.context
     while not context.cycle.supervisor.stopping:
         story.wait(0.01)
     story.sockets[1].say(word)
     story.wait(2.0)
     assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
     kill(story)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.supervisor.fault == "restarted: the daemon ended in fault"
     assert story.violations() == ()
 
@@ -909,8 +895,7 @@ def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story,
     story.wait(1.0)
     assert any(text.startswith("Picking, until") for text in story.texts)
     assert "Auto is not running." not in story.texts
-    context = story._service.context
-    assert context is not None
+    context = story.context
     state = context.cycle.status()
     assert (state["auto"], state["doing"], state["left"]) == (False, None, None)
     assert story.cell.controller.machine.at_rest()
@@ -921,8 +906,7 @@ def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> Non
     for text in ("auto on 2", "stop"):
         story.sockets[0].say(text)
     story.wait(1.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     state = context.cycle.status()
     assert (state["auto"], state["doing"], state["left"]["count"]) == (False, None, 2)
     assert story.violations() == ()
@@ -960,8 +944,7 @@ def test_a_stop_is_answered_though_whoever_has_the_controllers_terminal_reads_no
     story.sockets[1].say("stop")
     story.wait(3.0)
     assert "Stopped. Nothing moves until `resume`." in story.texts
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert not context.cycle.supervisor.stopping
     assert story.violations() == ()
 
@@ -979,8 +962,7 @@ def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_open
     while story.cell.controller.machine.hand_closed:
         story.wait(0.05)
     story.wait(0.8)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert "The gripper is open." not in story.texts
     assert story.cell.controller.machine.at_rest()
     assert context.cycle.status()["doing"] == "open the gripper"
@@ -1019,8 +1001,7 @@ def test_the_way_down_of_a_touch_test_follows_the_way_over_the_corner_and_nothin
     for text, seconds in (("status", 5.0), ("resume", 20.0), ("go home", 0.9), ("abort", 2.0)):
         story.sockets[1].say(text)
         story.wait(seconds)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.status()["doing"] is None
     before = story.cell.world_from_tool()
     assert story.sockets[0].line is not None
@@ -1041,8 +1022,7 @@ def test_an_arm_on_its_way_round_a_part_waits_for_nobodys_reading(story: Story) 
     story.wait(2.0)
     reads_nothing(story, story.sockets[0])
     story.wait(60.0)
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.status()["doing"] is None
     before = story.cell.world_from_tool()
     assert story.sockets[0].line is not None
@@ -1059,7 +1039,7 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
 ) -> None:
     """The pick's end was lost where its answer came in the same breath: it went on as far as the guard, which refused
     it, and told a fault that nobody had seen, `Preempted` or `MoveRefused`, that stood until `resume`."""
-    supervisor = story._service.context.cycle.supervisor  # type: ignore[union-attr]
+    supervisor = story.context.cycle.supervisor
     aborted: list[asyncio.Future[str | None]] = []
     hear, left = Conversation.hear, [answers]
 
@@ -1229,7 +1209,6 @@ def test_who_leaves_a_program_going_at_the_controllers_terminal_is_told_that_it_
     story.wait(8.0)
     assert any("facetd has stopped it (a program that went on is ended)" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
-    context = story._service.context
-    assert context is not None
+    context = story.context
     assert context.cycle.status()["fault"] is None
     assert story.violations() == ()
