@@ -128,7 +128,8 @@ def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
     return float(np.where(body.encloses, np.inf, above_mm(ends, body.radius_mm, limits.table_z_mm)).min())
 
 
-def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
+def below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
+    """Refuse a move of which any part of the arm's body would come below the table."""
     body = hand_of(limits)
     ends = frames.apply(command.world_from_tool, body.ends_mm)
     gaps = body.above_floor_mm(ends[None], limits.table_z_mm, limits.clearance_mm)[0]
@@ -181,7 +182,7 @@ RULES: tuple[tuple[str, Rule | None], ...] = (
     ("not_a_location", _not_a_location),
     ("arm_lost", _arm_lost),
     ("outside_workspace", _outside_workspace),
-    ("below_table", _below_table),
+    ("below_table", below_table),
     ("outside_room", None),
     ("kept_out", None),
     ("no_way", None),

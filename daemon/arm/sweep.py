@@ -104,7 +104,7 @@ class StraightPath:
         before = np.searchsorted(self.shares, shares, side="right") - 1
         if (self.shares[before] == shares).all():
             return self.places[before]
-        return self.robot.frames(_joints_along(self.robot, self.start, self.motion, shares, self.joints_rad[before]))
+        return self.robot.frames(joints_along(self.robot, self.start, self.motion, shares, self.joints_rad[before]))
 
     def travel_mm(self, shares: Array) -> Array:
         """See MovePath."""
@@ -114,7 +114,7 @@ class StraightPath:
         return np.asarray(np.diff(moved, axis=0))
 
 
-def _joints_along(robot: Kinematics, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
+def joints_along(robot: Kinematics, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
     """(N, 6): the joints on a straight motion (6,) from the start, at rising (N,) shares. near_rad: as for `along`."""
     poses = np.tile(np.eye(4), (len(shares), 1, 1))
     poses[:, :3, :3] = _rotations(motion[3:], shares) @ start.world_from_tool[:3, :3]
@@ -124,7 +124,7 @@ def _joints_along(robot: Kinematics, start: Reading, motion: Array, shares: Arra
     return joints
 
 
-def _jacobians_mm(links: Array) -> Array:
+def jacobians_mm(links: Array) -> Array:
     """(N, 3, 3): Jacobians of the wrist centre for joints 1 to 3, one row a joint, mm/rad."""
     axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
     return _cross(axes, wrist - origins)
@@ -183,10 +183,10 @@ def lever_arms_mm(links: Array, body: ArmBody) -> Array:
     ends = body.placed(links[None])[0]
     last = np.minimum(body.frame, FLANGE)
     tips = np.linalg.norm(ends - links[last, None, :3, 3], axis=-1).max(axis=1) + body.radius_mm
-    return np.where(np.arange(6)[:, None] < last, _origins_off_mm(links)[:, last] + tips, 0.0)
+    return np.where(np.arange(6)[:, None] < last, origins_off_mm(links)[:, last] + tips, 0.0)
 
 
-def _origins_off_mm(links: Array) -> Array:
+def origins_off_mm(links: Array) -> Array:
     """(6, 7): an upper bound of the distance of each frame's origin from the axis of each joint that moves it: the sum
     of the rigid lengths between them."""
     legs = np.diff(links[:7, :3, 3], axis=0)
@@ -223,18 +223,18 @@ def _straight_path(
     far, turn = frames.size(motion)
     arm = body.frame <= WRIST_JOINTS
     speed_mm, arm_mm = np.where(arm, 0.0, far + turn * tips), np.where(arm, reaches[:WRIST_JOINTS], 0.0)
-    wrist_mm = float(np.linalg.norm(_wrist_from_tcp(links)))
-    bend_mm, whole_bend_mm = _bends_mm(_origins_off_mm(links)[:WRIST_JOINTS, FLANGE])
+    wrist_mm = float(np.linalg.norm(wrist_from_tcp(links)))
+    bend_mm, whole_bend_mm = bends_mm(origins_off_mm(links)[:WRIST_JOINTS, FLANGE])
     shares = np.linspace(0.0, 1.0, _interval_count(float(speed_mm.max()), FOLLOWED_MM) + 1)
     for subdivided in (False, True):
-        joints = _joints_along(robot, start, motion, shares, start.joints_rad)
+        joints = joints_along(robot, start, motion, shares, start.joints_rad)
         places = robot.frames(joints)
         if (lost := _unreachable(shares, places)) is not None:
             return lost
-        interval, jacobians = np.diff(shares), _jacobians_mm(places)
+        interval, jacobians = np.diff(shares), jacobians_mm(places)
         path_mm = (far + turn * wrist_mm) * interval
-        least, falls = _least_squared(jacobians, bend_mm * path_mm)
-        parts = _subdivisions(falls)
+        least, falls = least_squared(jacobians, bend_mm * path_mm)
+        parts = subdivisions(falls)
         if subdivided or (parts == 1).all():
             break
         if parts.sum() > MOST_PLACES:
@@ -245,18 +245,18 @@ def _straight_path(
     levers_mm = np.sqrt(np.maximum(least, 1e-9))
     fastest = path_mm / levers_mm
     change = (wrist_mm * np.square(turn * interval) + whole_bend_mm * np.square(fastest)) / levers_mm
-    rates = _rates(jacobians, motion[:3] + _cross(motion[3:], _wrist_from_tcp(places)))
-    turned = _most_turned(rates, interval, fastest, change)
+    rates = joint_rates(jacobians, motion[:3] + _cross(motion[3:], wrist_from_tcp(places)))
+    turned = most_turned(rates, interval, fastest, change)
     moved = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + interval[:, None] * speed_mm, axis=0)])
     return StraightPath(robot, start, motion, shares, joints, places, moved)
 
 
-def _wrist_from_tcp(links: Array) -> Array:
+def wrist_from_tcp(links: Array) -> Array:
     """(..., 3) mm: from the tool centre point to the wrist centre."""
     return np.asarray(links[..., FLANGE, :3, 3] - links[..., TOOL, :3, 3])
 
 
-def _bends_mm(levers_mm: Array) -> tuple[float, float]:
+def bends_mm(levers_mm: Array) -> tuple[float, float]:
     """Bounds of the change of the wrist centre's Jacobian for each radian of joint rotation: without joint 1, whose
     rotation changes no singular value, and with it. levers_mm (3,): bounds of the wrist centre's distance from the axes
     of joints 1 to 3; d J[i] / d q[j] is as long as the lever arm of the later of the two joints."""
@@ -264,7 +264,7 @@ def _bends_mm(levers_mm: Array) -> tuple[float, float]:
     return float(np.sqrt(2 * second + 4 * third)), float(np.sqrt(first + 3 * second + 5 * third))
 
 
-def _least_squared(jacobians: Array, bent: Array) -> tuple[Array, Array]:
+def least_squared(jacobians: Array, bent: Array) -> tuple[Array, Array]:
     """(N - 1,) mm^2: a lower bound of the least singular value, squared, between two samples; and the share by which it
     may fall there. jacobians (N, 3, 3); bent (N - 1,) mm^2: the wrist centre's path between the samples, times bend_mm.
 
@@ -276,17 +276,17 @@ def _least_squared(jacobians: Array, bent: Array) -> tuple[Array, Array]:
     return middle - bent, bent / np.maximum(middle, 1e-9)
 
 
-def _subdivisions(falls: Array) -> NDArray[np.intp]:
+def subdivisions(falls: Array) -> NDArray[np.intp]:
     """(N,): into how many parts each interval is divided."""
     return np.where(falls < MOST_FALL, 1, np.ceil(np.minimum(2.0 * falls, MOST_PARTS))).astype(int)
 
 
-def _rates(jacobians: Array, speeds_mm: Array) -> Array:
+def joint_rates(jacobians: Array, speeds_mm: Array) -> Array:
     """(N, 3) rad: the speeds of joints 1 to 3 for wrist centre speeds (N, 3) mm."""
     return np.asarray(np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds_mm[..., None])[..., 0]))
 
 
-def _most_turned(rates: Array, interval: Array, fastest: Array, change: Array) -> Array:
+def most_turned(rates: Array, interval: Array, fastest: Array, change: Array) -> Array:
     """(N - 1, 3) rad: bounds of the rotation of joints 1 to 3 between two samples. rates (N, 3): their speeds at the
     samples, for the whole path; interval (N - 1,): its shares. Each (N - 1,) rad: fastest, which no joint exceeds in
     the interval; change, by how much they can get faster in all of it: the nearer sample is at most half of it away."""
@@ -334,7 +334,7 @@ def violations(path: MovePath, body: ArmBody, limits: Limits) -> tuple[PathViola
     shares = path.first()
     new = np.ones(len(shares), bool)
     links = path.links(shares)
-    tight = _broad_phase(body.placed(links), path.travel_mm(shares), body, limits)
+    tight = broad_phase(body.placed(links), path.travel_mm(shares), body, limits)
     values = np.empty((0, len(tight.columns(body))))
     while True:
         gaps = tight.gaps_of(links, body, limits)
@@ -362,7 +362,7 @@ def violations(path: MovePath, body: ArmBody, limits: Limits) -> tuple[PathViola
         values = values[:, np.isin(before, tight.columns(body))]
 
 
-def _broad_phase(ends: Array, travel: Array, body: ArmBody, limits: Limits) -> Unproven:
+def broad_phase(ends: Array, travel: Array, body: ArmBody, limits: Limits) -> Unproven:
     """Broad phase: the capsules and boxes that could touch, from a bounding box of each capsule on the whole path. ends
     (N, C, 2, 3), travel (N - 1, C)."""
     margin = (body.radius_mm + limits.clearance_mm + travel.max(axis=0) / 2)[:, None]

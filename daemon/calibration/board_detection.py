@@ -141,7 +141,7 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
     best: tuple[NDArray[np.int64], Array] = np.zeros(0, np.int64), np.zeros((0, 2))
     for scale in SCALES:
         markers, middles = _markers_in(_enlarged(image, scale), board.dictionary, board.markers)
-        found = _beside(markers, (middles + 0.5) / scale - 0.5, board)
+        found = corners_beside(markers, (middles + 0.5) / scale - 0.5, board)
         if len(found[0]) > len(best[0]):
             best = found
         if len(best[0]) >= FEWEST_CORNERS and _readable(best[1], board):
@@ -155,7 +155,7 @@ def _readable(corners: Array, board: Board) -> bool:
     return float(np.median(nearest_px(corners))) * board.marker_share >= LEAST_MODULE_PX * modules
 
 
-def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
+def corners_beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
     """Numbers (N,) of the corners next to a marker, and their positions by the middles (M, 2) px of the markers around
     them: independent of the markers' size, which is unknown, and of one misread marker."""
     squares_of = marker_squares(board.columns, board.rows, board.legacy)
@@ -166,7 +166,7 @@ def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[N
     if len(squares) < 4 or np.linalg.svd(squares - squares.mean(axis=0), compute_uv=False)[-1] < 1.0:
         return np.zeros(0, np.int64), np.zeros((0, 2))
     as_named, other = (
-        _agreeing(markers, px, board.columns, board.rows, one) for one in (board.legacy, not board.legacy)
+        markers_agreeing(markers, px, board.columns, board.rows, one) for one in (board.legacy, not board.legacy)
     )
     if as_named < max(LEAST_AGREEING * len(markers), other):
         return np.zeros(0, np.int64), np.zeros((0, 2))
@@ -257,15 +257,15 @@ def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple
         ids, middles = _markers_in(picture, family[-1], max(board.markers, MOST_MARKERS))
         if len(ids) < FEWEST_MARKERS:
             continue
-        if (fit := _best_layout(ids, middles, board)) is None:
+        if (fit := best_layout(ids, middles, board)) is None:
             continue
         columns, rows, legacy = fit
         sized = replace(board, kind="charuco", columns=columns, rows=rows, legacy=legacy)
-        for name in _smallest(family, sized.markers, board.dictionary):
+        for name in smallest_dictionary(family, sized.markers, board.dictionary):
             yield len(ids), mirrored, replace(sized, dictionary=name)
 
 
-def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
+def best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
     """Columns, rows, legacy of the layout that fits most markers, the named size first and then small ones."""
     sizes = [(board.columns, board.rows), (board.rows, board.columns)]
     for columns in range(3, MOST_TRIED + 1):
@@ -275,7 +275,7 @@ def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[
     best, most = None, LEAST_AGREEING * len(ids)
     for columns, rows in sizes:
         for legacy in (board.legacy, not board.legacy):
-            agreeing = _agreeing(ids, middles, columns, rows, legacy)
+            agreeing = markers_agreeing(ids, middles, columns, rows, legacy)
             if agreeing > most:
                 best, most = (columns, rows, legacy), agreeing
             if agreeing == len(ids):
@@ -298,7 +298,7 @@ def _markers_in(image: Grey, name: str, most: int) -> tuple[NDArray[np.int64], A
     return ids.ravel().astype(np.int64), np.array([np.reshape(c, (4, 2)).mean(axis=0) for c in corners], float)
 
 
-def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
+def smallest_dictionary(family: tuple[str, ...], count: int, named: str) -> list[str]:
     """Of a family of dictionaries: the named one, or the smallest with so many markers."""
     if named in family:
         return [named]
@@ -308,7 +308,7 @@ def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
     return []
 
 
-def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
+def markers_agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
     """How many markers fit a board of this size and layout, which numbers them along its white squares."""
     places = marker_squares(columns, rows, legacy)
     if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):

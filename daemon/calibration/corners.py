@@ -62,7 +62,7 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
     rim = 3 * reach
     grey = np.pad(image.astype(np.float32), rim, constant_values=np.nan)
     for pass_ in range(MOST_PASSES):
-        drawn = [_drawn(h, at, reach, drawing) for h, at in zip(_mappings(fitted, squares), squares, strict=True)]
+        drawn = [_drawn(h, at, reach, drawing) for h, at in zip(local_mappings(fitted, squares), squares, strict=True)]
         added_variance = np.zeros(len(fitted))
         for k, one in enumerate(drawn):
             blurred = _blurred(one.samples, blur)
@@ -82,7 +82,7 @@ def nearest_px(corners_px: Array) -> Array:
     return np.asarray(gaps.min(axis=1))
 
 
-def _mappings(corners_px: Array, squares: Array) -> list[Array]:
+def local_mappings(corners_px: Array, squares: Array) -> list[Array]:
     """image_from_squares (3, 3) around each corner, from its neighbours: so near, distortion is negligible."""
     whole = cv2.findHomography(squares, corners_px)[0]
     found = []

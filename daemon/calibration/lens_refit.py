@@ -48,7 +48,7 @@ def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye:
         raise LensError(f"{len(values)} distortion coefficients: expected {', '.join(map(str, POLYNOMIAL))} or none")
     if not fisheye and not np.any(values[OURS:]):
         return RefittedLens(matrix, np.concatenate([values[:OURS], np.zeros(max(0, OURS - len(values)))]))
-    rays = _rays(matrix, values, size, fisheye)
+    rays = rays_in_view(matrix, values, size, fisheye)
     px = _projected(rays, matrix, values, fisheye)
     start = intrinsics_of(matrix, np.zeros(OURS))
     seen = np.column_stack([rays, np.ones(len(rays))])
@@ -79,7 +79,7 @@ def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Arra
     return np.asarray(flat * np.diag(matrix)[:2] + matrix[:2, 2], float)
 
 
-def _rays(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:
+def rays_in_view(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:
     """Ray directions (N, 2) on the plane z = 1 whose image is inside the picture; none beyond where the model folds."""
     out = np.linspace(0.0, WIDEST, 600)
     centred = np.array([[matrix[0, 0], 0, 0], [0, matrix[1, 1], 0], [0, 0, 1.0]])

@@ -115,14 +115,14 @@ async def _tour(
         raise SessionError("no hand_eye in calibration.yaml: enter a rough one, measured by ruler")
     reading = await session.prepare_to_move()
     try:
-        first = await _see(session, reading, "pose 0")
+        first = await see_board(session, reading, "pose 0")
     except BoardError as error:
         raise SessionError(f"from here the cameras do not see the board: {error}") from None
     if count == 0:
         return [first]
     if session.held:
-        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=_board_in_gripper(session, first))
-    poses = await asyncio.to_thread(_plan, session, mover.reach, first, count, mounting_alone)
+        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=board_in_gripper(session, first))
+    poses = await asyncio.to_thread(plan_tour, session, mover.reach, first, count, mounting_alone)
     await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
     for number, pose in enumerate(poses, start=1):
@@ -133,7 +133,7 @@ async def _tour(
             continue
         assert mover.here is not None
         try:
-            views.append(await _see(session, mover.here, f"pose {number}"))
+            views.append(await see_board(session, mover.here, f"pose {number}"))
             await say(f"pose {number} of {len(poses)}: seen")
         except BoardError as error:
             await say(f"pose {number} of {len(poses)}: not used: {error}")
@@ -144,7 +144,9 @@ async def _tour(
     return views
 
 
-def _plan(session: CalibrationSession, reach: Reach, first: BoardView, count: int, mounting_alone: bool) -> list[Array]:
+def plan_tour(
+    session: CalibrationSession, reach: Reach, first: BoardView, count: int, mounting_alone: bool
+) -> list[Array]:
     """Poses world_from_tool of the tour."""
     here = session.calibration.world_from_cyclopean_at(first.world_from_tool)
     looks = _around(first, session.board, session.calibration)
@@ -227,7 +229,7 @@ def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration,
     )
 
 
-def _board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
+def board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
     """What the guard is to know of the board in the gripper: its corners with a margin for print and plate, and for a
     hand-eye by ruler."""
     board = session.board
@@ -238,7 +240,7 @@ def _board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Ca
     return carried_part(frames.apply(tool_from_board, corners), "the board in the gripper")
 
 
-async def _see(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
+async def see_board(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
     """Capture a settled pair and find the board in the images of the cameras in use. Raises BoardError, also where they
     share too few corners."""
     cell = session.supervisor.mover.cell
@@ -286,7 +288,7 @@ async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
                 f"no new view for {PATIENCE_S:.0f} s; {len(views)} so far, missing: {'; '.join(lacking)}"
             )
         try:
-            view = await _see(session, nowhere, f"view {len(views) + 1}")
+            view = await see_board(session, nowhere, f"view {len(views) + 1}")
         except (BoardError, NotSettledError) as error:
             if str(error) != reported:
                 await say(f"  {error}")

@@ -46,7 +46,7 @@ class Person:
     wants_stop: asyncio.Event
 
 
-class _Line:
+class ContactLine:
     """The open port, the received bytes with their times, and the transcript."""
 
     def __init__(self, path: str, open_port: OpenPort, clock: Callable[[], float], write: Write) -> None:
@@ -147,7 +147,7 @@ async def identify(
     Raises UnclearError with a question, LinkError, StoppedByPersonError after the stop was sent, and what write raises.
     """
     known = ContactFindings()
-    line = _Line(path, open_port, asyncio.get_running_loop().time, write)
+    line = ContactLine(path, open_port, asyncio.get_running_loop().time, write)
     steps = first_contact.introduce(known, bauds, pendant)
     reply: Any = None
     try:
@@ -173,7 +173,7 @@ async def identify(
         line.close()
 
 
-async def _unless_stopped(doing: Awaitable[Any], known: ContactFindings, line: _Line, person: Person) -> Any:
+async def _unless_stopped(doing: Awaitable[Any], known: ContactFindings, line: ContactLine, person: Person) -> Any:
     """Await a step, and send the stop as soon as the person wants it. Raises StoppedByPersonError."""
     task, stop = asyncio.ensure_future(doing), asyncio.ensure_future(person.wants_stop.wait())
     try:
@@ -193,7 +193,7 @@ async def _unless_stopped(doing: Awaitable[Any], known: ContactFindings, line: _
         await asyncio.gather(task, stop, return_exceptions=True)
 
 
-async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
+async def _do(step: Step, line: ContactLine, person: Person) -> Heard | str | None:
     if isinstance(step, Exchange):
         return await _exchange(step, line)
     line.note(step.way, text=step.text)
@@ -217,7 +217,7 @@ async def _typed(data: bytes, pace_s: float, send: Callable[[bytes], None]) -> N
             await asyncio.sleep(pace_s)
 
 
-async def _exchange(step: Exchange, line: _Line) -> Heard:
+async def _exchange(step: Exchange, line: ContactLine) -> Heard:
     await _typed(step.data, step.pace_s, line.send)
     sent_s = line.clock()
     while True:

@@ -113,7 +113,7 @@ async def _identify_controller(port: str, baud: int | None, pendant: bool, file:
     def write(record: dict[str, Any]) -> None:
         print(json.dumps(record), file=file, flush=True)
 
-    person = Person(_tell, partial(_ask, wants_stop=wants_stop), wants_stop)
+    person = Person(_tell, partial(ask_person, wants_stop=wants_stop), wants_stop)
     _watch_for_stop(wants_stop)
     print("Control-C or `stop` stops the arm at any moment.", flush=True)
     bauds = BAUDS if baud is None else (baud,)
@@ -126,7 +126,7 @@ def _tell(text: str, end: str = "\n") -> None:
     print("\n".join(lines), end=end, flush=True)
 
 
-async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
+async def ask_person(consult: Consult, wants_stop: asyncio.Event) -> str:
     """The person's answer, typed after the question. A yes-or-no question repeats until one of the two is typed. Empty
     at the terminal's end and after a stop."""
     question = consult.text

@@ -79,7 +79,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
     options = _parser().parse_args(words)
     path = options.keep / FILE
     try:
-        proofs = _read_proofs(path)
+        proofs = read_proofs(path)
         names = [step.name for step in STEPS]
         if options.step is not None:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
@@ -88,7 +88,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
         with InputLines(lambda text: _tell(link.stop_separately(text, "commission", _tell)["text"]), _tell) as typed:
             person = CommissioningDialogue(_tell, lambda question: typed.answer(f"  {question}"))
             all_proven = commission(
-                CommissioningSession(link, person, order), proofs, lambda now: _write_proofs(path, now)
+                CommissioningSession(link, person, order), proofs, lambda now: write_proofs(path, now)
             )
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
@@ -116,11 +116,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _read_proofs(path: Path) -> dict[str, StepProof]:
+def read_proofs(path: Path) -> dict[str, StepProof]:
     """The proofs of earlier sessions. Raises FileError."""
     found = read_json(path, CommissioningFile, "move it away to start again")
     return {} if found is None else found.steps
 
 
-def _write_proofs(path: Path, proofs: Mapping[str, StepProof]) -> None:
+def write_proofs(path: Path, proofs: Mapping[str, StepProof]) -> None:
+    """Write the proofs of this and earlier sessions."""
     write_atomically(path, msgspec.json.format(msgspec.json.encode(CommissioningFile(1, dict(proofs)))))

@@ -165,7 +165,7 @@ def _doctor(talk: CommissioningSession) -> str:
     return "; ".join(finding["found"] for finding in cameras)
 
 
-def _zero(talk: CommissioningSession) -> None:
+def calibrate_zero(talk: CommissioningSession) -> None:
     """Calibrate the arm's zero (CAL), where the controller has none."""
     while True:
         done = talk.send("robot cal")
@@ -178,14 +178,14 @@ def _zero(talk: CommissioningSession) -> None:
         talk.clear(fault)
 
 
-def _survey(talk: CommissioningSession) -> None:
+def go_to_survey(talk: CommissioningSession) -> None:
     """Go to the survey position, where the board is in view."""
     talk.enable()
     there = talk.send("go survey")
     text = there["text"].lower()
     if there["status"] != DONE and (NO_ZERO in text or NO_POWER in text):
         talk.clear(talk.fault_of(there["text"]))
-        _zero(talk)
+        calibrate_zero(talk)
         there = talk.send("go survey")
     if there["status"] != DONE:
         raise NotProvenError(there["text"])
@@ -197,7 +197,7 @@ def _light(talk: CommissioningSession) -> str:
         talk.do(f"scatter {talk.order.part}")
     talk.do("step on")
     try:
-        _survey(talk)
+        go_to_survey(talk)
     finally:
         talk.send("step off")
     ill = [f for f in talk.do("look")["health"] if not f["good"]]
@@ -215,7 +215,7 @@ def _stereo(talk: CommissioningSession) -> str:
     talk.need(
         f"Is the board of {talk.order.calibrate} mm flat on the table, and the way of the arm free? The arm moves next."
     )
-    _survey(talk)
+    go_to_survey(talk)
     found = talk.do(f"calibrate stereo {talk.order.calibrate}")
     talk.hand_eye = found["hand_eye"]
     return f"the cameras agree to {found['stereo']['rms_px']:.2f} px"
@@ -225,7 +225,7 @@ def _hand_eye(talk: CommissioningSession) -> str:
     found = talk.hand_eye
     if found is None or _doubtful(found):
         talk.need("Is the board still on the table? The arm moves next.")
-        _survey(talk)
+        go_to_survey(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
     result = f"standard deviation {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
     result += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
@@ -240,7 +240,7 @@ def _doubtful(found: dict[str, Any]) -> bool:
 
 def _verify(talk: CommissioningSession) -> str:
     talk.need("Is the board still on the table? The arm moves next.")
-    _survey(talk)
+    go_to_survey(talk)
     found = talk.do(f"calibrate verify {talk.order.calibrate}")
     return (
         f"{found['poses']} poses: lengths {found['length_mm']:.2f} mm off, a corner {found['spread_mm']:.2f} mm apart"
@@ -249,7 +249,7 @@ def _verify(talk: CommissioningSession) -> str:
 
 def _table(talk: CommissioningSession) -> str:
     talk.need("Is the board still on the table? The finger tips move above its first corner next.")
-    _survey(talk)
+    go_to_survey(talk)
     found = talk.do(f"calibrate touch {talk.order.calibrate}")
     low, high = (z - talk.order.board_mm for z in found["board_z_mm"])
     result = f"the table is at z {low:.1f} to {high:.1f} mm, pick.limits.table_z_mm is {found['table_z_mm']:g}"
@@ -279,7 +279,7 @@ def _gripper(talk: CommissioningSession) -> str:
 def _teach(talk: CommissioningSession) -> str:
     part = talk.order.part
     talk.need(f"Is one {part} alone in view of the cameras at `go survey`? The arm moves next.")
-    _survey(talk)
+    go_to_survey(talk)
     taught: list[str] = []
     for _ in range(TEACHING_TRIES):
         done = talk.send(f"teach {part}")

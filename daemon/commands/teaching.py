@@ -85,7 +85,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
     group, others = await context.study(context.trainer.check, label, left, right, table, moved)
     facets, sides = await context.study(context.trainer.with_view, label, group)
     apart, foreign = apart_from(group, others)
-    await frontend.say(_facets_shown(label, facets, sides, (apart, foreign), frontend.columns))
+    await frontend.say(facets_shown(label, facets, sides, (apart, foreign), frontend.columns))
     if any(len(other.facets) > 1 for other in others) and not frontend.asks:
         raise CommandError(f"{len(others) + 1} separate objects are in view; show the {label} alone, evenly lit")
     named = _other_name(seen, label)
@@ -207,7 +207,7 @@ async def views(context: CommandContext, words: list[str], frontend: Frontend) -
     """List the taught views."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
-    rows = [(view.name, view.damage or _taught(view.note)) for view in found]
+    rows = [(view.name, view.damage or taught_line(view.note)) for view in found]
     data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
     return CommandResult(table(rows, frontend.columns) or "No view is stored yet: `teach LABEL`.", {"views": data})
 
@@ -320,7 +320,7 @@ def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _facets_shown(
+def facets_shown(
     label: str,
     facets: Sequence[Facet],
     sides: list[int | None],
@@ -361,7 +361,8 @@ def _other_name(seen: Look, label: str) -> str | None:
     return others[0] if others and label not in names else None
 
 
-def _taught(note: dict[str, Any]) -> str:
+def taught_line(note: dict[str, Any]) -> str:
+    """A line about one teaching: when, what was shown, and by whom."""
     return f"{at_utc(str(note.get('taught', '')))} UTC  {_what_of(note)}, by {note.get('who', '?')}"
 
 

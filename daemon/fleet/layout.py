@@ -75,7 +75,7 @@ def rows_of(run: Digest) -> Rows:
 def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
     """Build a pyarrow table; absent values, and values of another kind than their column, become null."""
     columns = TABLES[name].columns
-    times = np.array([_utc(str(row["t"])) for row in rows], "datetime64[ms]")
+    times = np.array([utc_time(str(row["t"])) for row in rows], "datetime64[ms]")
     given = {"t": times, "day": times.astype("datetime64[D]"), "run": [run] * len(rows)}
     schema = schema_of(name)
     arrays = [
@@ -85,7 +85,7 @@ def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _utc(t: str) -> datetime:
+def utc_time(t: str) -> datetime:
     """Parse a time as UTC without zone. A small z is valid (RFC 3339)."""
     at = datetime.fromisoformat(t.upper())
     return at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)

@@ -111,11 +111,11 @@ def _cells(views: Any, first: date, last: date, calibrated: Mapping[str, tuple[d
     cells = [_short(dict(zip(names, row, strict=True))) for row in found.fetchall()]
     for cell in cells:
         cell["cameras_used"] = [cell.pop("cameras"), cell.pop("one_camera")]
-        cell["last"], cell["faults"] = cell["last"].isoformat(), _by_cause(cell["faults"])
+        cell["last"], cell["faults"] = cell["last"].isoformat(), faults_by_cause(cell["faults"])
     return cells
 
 
-def _by_cause(faults: Sequence[Json]) -> dict[str, int]:
+def faults_by_cause(faults: Sequence[Json]) -> dict[str, int]:
     """Number of faults by cause, most frequent first, from code, text and count of each kind. A person's stop does not
     count. Rows of earlier versions have no code of the catalogue: their text gives the cause."""
     counts = Counter[str]()
@@ -169,20 +169,20 @@ def _set_states(cells: Sequence[Json], last: date) -> None:
             findings.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
         findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_dark(cell)]
         cell["findings"] = [list(one) for one in findings]
-        cell["weak"] = sorted(name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of)))
+        cell["weak"] = sorted(name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of)))
         cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in findings)), "well")
 
 
 def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]) -> list[tuple[str, str]]:
     own = [cell["picked"], cell["tried"]]
-    weak = [name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of))]
+    weak = [name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of))]
     of_part = [(name, cell["parts"][name], _without(all_parts[name], cell["parts"][name])) for name in weak]
     found = [
         ("misses", f"{name}: {_percent(of)} picked, {_percent(others)} in other cells") for name, of, others in of_part
     ]
-    if _worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
+    if is_worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
         found = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} in other cells")]
-    if _worse(own, cell["before"]):
+    if is_worse(own, cell["before"]):
         found.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
     return found
 
@@ -223,7 +223,7 @@ def _percent(of: Sequence[int]) -> str:
     return f"{100 * of[0] / of[1]:.1f} %" if of[1] else "none"
 
 
-def _worse(own: Sequence[int], others: Sequence[int]) -> bool:
+def is_worse(own: Sequence[int], others: Sequence[int]) -> bool:
     """Whether a share [part, of] is below another by more than chance explains, and by enough to matter."""
     if not own[1] or not others[1]:
         return False

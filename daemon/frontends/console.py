@@ -24,10 +24,10 @@ def converse(link: DaemonLink) -> int:
         if (doing := link.running_job()) is not None:
             _say(f"{doing} goes on without this console. `facetctl stop` stops the arm, `facetctl status` shows it.")
         return status
-    return _piped(link)
+    return send_piped(link)
 
 
-def _piped(link: DaemonLink) -> int:
+def send_piped(link: DaemonLink) -> int:
     """Send one line after the other, each when the one before is done. A stop is sent as soon as it is read; lines
     before it that still wait are dropped. Control-C stops the arm and drops waiting lines, too."""
     status, stops = DONE, [DONE]

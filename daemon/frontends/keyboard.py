@@ -95,7 +95,7 @@ class InputLines:
         question = self._question
         if question is None:
             return
-        if _may_read_lines(handle):
+        if may_read_lines(handle):
             self._take(unread_input())
         self._interrupted_input.append(self._partial.decode("utf-8", "replace"))
         self._partial = b""
@@ -166,7 +166,7 @@ def unread_input() -> bytes:
 def _read_lines(handle: int) -> bytes | None:
     """Read the input that waits for a reader of lines; None without any, or where it is for another reader."""
     with _MODE:
-        return _read_from(handle) if _may_read_lines(handle) and select.select([handle], [], [], 0)[0] else None
+        return _read_from(handle) if may_read_lines(handle) and select.select([handle], [], [], 0)[0] else None
 
 
 def _read_from(handle: int) -> bytes:
@@ -177,7 +177,7 @@ def _read_from(handle: int) -> bytes:
         return b""
 
 
-def _may_read_lines(handle: int) -> bool:
+def may_read_lines(handle: int) -> bool:
     """Whether this process may read lines here: not in the background of a terminal (it would be stopped), nor while
     RawKeyboard or a pager reads it key by key."""
     if not os.isatty(handle):

@@ -231,7 +231,7 @@ class SocketFrontend:
         while line := await self._next_line():
             self._has_sent = True
             try:
-                self._handle(_message(line))
+                self._handle(parse_message(line))
             except ValueError as error:
                 # Do not wait until they read this: their next line may be a stop.
                 self._write({"done": _as_json(CommandResult(f"not a message: {error}", {}, 2))})
@@ -248,7 +248,7 @@ class SocketFrontend:
         message = SocketMessage()
         with contextlib.suppress(ValueError):
             async with asyncio.timeout(STOP_S):
-                message = _message(await self._reader.readline())
+                message = parse_message(await self._reader.readline())
         if message.interrupt is UNSET and not (isinstance(message.do, str) and means_stop(message.do)):
             await self.refuse("too many connections: close some (`stop` and control-C still work)")
             return
@@ -427,7 +427,7 @@ async def _close(writer: asyncio.StreamWriter) -> None:
     writer.transport.abort()
 
 
-def _message(line: bytes) -> SocketMessage:
+def parse_message(line: bytes) -> SocketMessage:
     """Parse one line. A line that is no message but means a stop counts as a stop. Raises ValueError."""
     text = line.decode("utf-8", "replace")
     command_text = COMMAND_TEXT.search(text)

@@ -187,7 +187,7 @@ async def choose(
             code = BY_UNNAMED.get(str(part.taken_for.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
             skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}", code)
             continue
-        destination = _destination(context, world, part)
+        destination = destination_of(context, world, part)
         if isinstance(destination, str):
             skip(context, world, Outcome.FULL, part, destination, CauseCode.PLACES_FULL)
             continue
@@ -228,7 +228,7 @@ async def choose(
     return PickEvent.NONE_LEFT
 
 
-def _destination(context: PickContext, world: WorldModel, part: ObservedPart) -> Destination | str | None:
+def destination_of(context: PickContext, world: WorldModel, part: ObservedPart) -> Destination | str | None:
     """Where a named part belongs; None: over the bin; in words why it cannot go anywhere. A place where something shows
     that nobody brought is left alone."""
     table = context.placing
@@ -352,7 +352,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
     await world.take_in(context, seen)
     if before:
-        await _tell_gain(context, world, part, before, gain)
+        await tell_gain(context, world, part, before, gain)
     return PickEvent.SEEN
 
 
@@ -417,7 +417,7 @@ def _next_views(
     )
 
 
-async def _tell_gain(
+async def tell_gain(
     context: PickContext, world: WorldModel, part: ObservedPart, before: Sequence[PartHypothesis], gain: Gain
 ) -> None:
     """What the look has brought, to the log and to whoever asked."""
@@ -430,7 +430,7 @@ async def _tell_gain(
     else:
         after, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
     x, y, _ = part.centre
-    about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(_open_bits, before, rig)
+    about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(open_bits, before, rig)
     world.tell(context, InformationGain(about, in_words(before), after, bits_before, bits, gain.bits, gain.seconds))
 
 
@@ -439,8 +439,9 @@ def _thought_of(
 ) -> tuple[str, float]:
     """What a part without a name may be, in words, and the bits that are open."""
     hypotheses = hypotheses_of(part, recogniser, table_z_mm)
-    return in_words(hypotheses), _open_bits(hypotheses, rig)
+    return in_words(hypotheses), open_bits(hypotheses, rig)
 
 
-def _open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
+def open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
+    """Bits that are open between hypotheses, those that look alike taken as one."""
     return distinct_hypotheses(hypotheses, rig).entropy

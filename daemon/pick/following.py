@@ -175,7 +175,7 @@ def mount_of(cell: Workcell) -> CameraMount:
 def in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
-    near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, _cameras_on_the_gripper(taken, mount)
+    near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, cameras_on_the_gripper(taken, mount)
     return any(edge_support(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
 
 
@@ -183,7 +183,7 @@ def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: 
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
-    stereo = _cameras_on_the_gripper(before, mount), _cameras_on_the_gripper(after, mount)
+    stereo = cameras_on_the_gripper(before, mount), cameras_on_the_gripper(after, mount)
     return any(
         edges_vanished(target.shape, *stereo, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt)
     )
@@ -282,7 +282,7 @@ def came_back_empty(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -
     empty = gripper.empty
     if empty is None:
         return False
-    stereo, near = _cameras_on_the_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
+    stereo, near = cameras_on_the_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
     return shown(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
@@ -290,7 +290,7 @@ def _cyclopean_from_tool(taken: CapturedPair, mount: CameraMount) -> Array:
     return frames.inverse(mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool))
 
 
-def _cameras_on_the_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
+def cameras_on_the_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
     stereo = taken.stereo

@@ -55,7 +55,7 @@ def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> li
     newest = looks[-1]
     for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
         named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]
-    named = _in_own_places(fused, _agreed(named, recogniser), recogniser)
+    named = in_own_places(fused, _agreed(named, recogniser), recogniser)
     left = _unexplained(fused, named, recogniser)
     return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
 
@@ -102,7 +102,7 @@ def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[O
     return [part for k, part in enumerate(named) if k not in out]
 
 
-def _in_own_places(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
+def in_own_places(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
     """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron
@@ -124,7 +124,7 @@ def _shares(seen: Polyhedron, part: ObservedPart, recogniser: PartRecogniser) ->
     corners = frames.apply(part.world_from_part, shape.corners_mm)
     reach_mm = np.linalg.norm(corners - corners.mean(axis=0), axis=1).max() + ON_FACE_MM
     for k in np.flatnonzero(np.linalg.norm(seen.centres_mm - corners.mean(axis=0), axis=1) < reach_mm):
-        shares[k] = _on_face(seen, int(k), shape, part.world_from_part)
+        shares[k] = share_on_face(seen, int(k), shape, part.world_from_part)
     return shares
 
 
@@ -144,11 +144,11 @@ def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: P
         if shape is not None:
             shares = _shares(seen, part, recogniser)
             explained += shares
-            theirs |= _untaught(seen, set(np.flatnonzero(shares > MOST).tolist()), shape, part.world_from_part)
+            theirs |= untaught_facets(seen, set(np.flatnonzero(shares > MOST).tolist()), shape, part.world_from_part)
     return sorted(set(np.flatnonzero(explained <= MOST).tolist()) - theirs)
 
 
-def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
+def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
     """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
     taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
     the same plane, or hollow, another part begins."""
@@ -182,7 +182,7 @@ def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
     return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
 
 
-def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> float:
+def share_on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> float:
     """Share of a facet that lies in one face of a part."""
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm[seen.rings[facet]])
     normal = world_from_part[:3, :3].T @ seen.normals[facet]
@@ -216,13 +216,13 @@ def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     that the facets whose corners are seen to be corners, from two places."""
     found = list[list[int]]()
     for thing in _whole(fused, facets):
-        for piece in (thing, *_convex(fused.polyhedron, thing)):
+        for piece in (thing, *convex_groups(fused.polyhedron, thing)):
             sure = [k for k in piece if fused.confirmed[k]]
             found += [piece, *([sure] if sure else [])]
     return [piece for k, piece in enumerate(found) if piece not in found[:k]]
 
 
-def _convex(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
+def convex_groups(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
     """A thing's facets, those together that hang together over no hollow edge."""
     touch = seen.touching[np.ix_(thing, thing)].copy()
     for a, b in np.argwhere(touch).tolist():

@@ -178,7 +178,7 @@ def observed(
     recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None, expected: Expected | None
 ) -> Observation:
     """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
-    health = _health(taken)
+    health = pair_health(taken)
     tracked = None if expected is None else expected.fit(taken)
     scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
     if tracked is None:
@@ -244,7 +244,7 @@ async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -
     return replace(look, scene=scene, tracked=None, epipolar_px=epipolar_px(scene))
 
 
-def _health(taken: CapturedPair) -> tuple[Finding, ...]:
+def pair_health(taken: CapturedPair) -> tuple[Finding, ...]:
     """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
     Raises MisleadingImagesError."""
     earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images

@@ -131,7 +131,7 @@ def plan_part(
                 if destination is None:
                     return plan
                 held = frames.inverse(plan.grasp.world_from_tool) @ world_from_part
-                way = _way_to(destination, held, settings, mounting, allowed)
+                way = first_way(destination, held, settings, mounting, allowed)
                 if way is not None:
                     return replace(plan, way=way, destination=destination)
     if approached and destination is not None:
@@ -143,7 +143,7 @@ def plan_part(
     return NoPlan(CauseCode.BLOCKED if 2 * blocked >= len(plans) else CauseCode.OUT_OF_REACH, why)
 
 
-def _way_to(
+def first_way(
     destination: Destination, held: Array, settings: Settings, mounting: CameraMounting, allowed: Reachable
 ) -> SetDown | None:
     """The first way to the first goal that has one."""

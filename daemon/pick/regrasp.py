@@ -79,14 +79,15 @@ def grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTa
     """The grasp table of a part and a gripper; cached. Raises ValueError where the corners span no volume."""
     key = (shape.corners_mm.tobytes(), shape.facets, gripper, error_mm)
     if key not in _TABLES:
-        _TABLES[key] = _grasp_table(shape, gripper, error_mm)
+        _TABLES[key] = work_out_grasps(shape, gripper, error_mm)
         while len(_TABLES) > MOST_TABLES:
             _TABLES.popitem(last=False)
     _TABLES.move_to_end(key)
     return _TABLES[key]
 
 
-def _grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTable:
+def work_out_grasps(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTable:
+    """The grasps of a part on each side that it rests on, worked out anew."""
     lying = resting(shape)
     reach = [np.linalg.norm(frames.apply(pose, shape.corners_mm)[:, :2], axis=1).max() for pose in lying]
     found = [(n, grasp) for n, pose in enumerate(lying) for grasp in gripper.grasps(shape, pose, 0.0, error_mm).found]

@@ -216,7 +216,7 @@ async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceS
     none is in reach."""
     if context.mover.dry:
         return context.placing.status(goal.place.name)
-    await _go_round(context, world, goal.centre, f"place {goal.place.name}", [])
+    await go_round(context, world, goal.centre, f"place {goal.place.name}", [])
     return (await _judge(context, world, goal, PlaceStatus.FREE))[0].status
 
 
@@ -234,7 +234,7 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     sightings: list[Sighting] = []
     viewpoints: list[Array] = []
     while len(viewpoints) < (0 if context.mover.dry else MOST_LOOKS):
-        await _go_round(context, world, centre, label, viewpoints)
+        await go_round(context, world, centre, label, viewpoints)
         seen = await look(context, world, f"find {label}", expected)
         viewpoints.append(seen.world_from_cyclopean[:3, 3])
         if seen.tracked is not None:
@@ -283,7 +283,7 @@ async def held_here(context: PickContext) -> HeldHere:
     return HeldHere(label, before.world_from_tool @ found.pose, *errs)
 
 
-async def _go_round(
+async def go_round(
     context: PickContext, world: WorldModel, centre: Array, name: str, viewpoints_before: Sequence[Array]
 ) -> None:
     """Go to a reachable viewpoint of a point (3,), the one farthest from all earlier viewpoints. viewpoints_before:
@@ -324,11 +324,11 @@ async def _judge(
         fit = seen.tracked or named_at(goal, seen)
         if fit is not None:
             sightings.append(sighted(seen, fit, rig, doubt))
-        found = _lies(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
+        found = combined_pose(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
         if found.sure or len(viewpoints) == MOST_LOOKS:
             break
         try:
-            await _go_round(context, world, goal.centre, f"place {goal.place.name}", viewpoints)
+            await go_round(context, world, goal.centre, f"place {goal.place.name}", viewpoints)
         except MOVE_ERRORS as error:
             reraise_if_all_refused(error)
             break
@@ -369,7 +369,7 @@ def judged(goal: Goal, seen: Look, empty: PlaceStatus) -> PlaceFinding:
     return PlaceFinding(empty, None, "the looks show nothing there")
 
 
-def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
+def combined_pose(goal: Goal, estimate: Estimate) -> PlaceFinding:
     """What looks say together that found the part by its edges. Looks err most in height, and a part rests on its
     support: its height counts only where it is more than they may err."""
     off, place_settings = deviation(goal, estimate.world_from_part), goal.place.settings

@@ -100,7 +100,7 @@ async def verify(
     if code is None:
         why = f"{target.label} {words}"
         world.result = PickResult(Outcome.RELEASED, why, None)
-        return await _where_to(context, target, seen, why)
+        return await where_to(context, target, seen, why)
     world.failures += 1
     world.result = PickResult(Outcome.MISSED, f"{target.label} {words}", code)
     why = f"{world.result.why}; the gripper opens over the bin, because this look may be wrong"
@@ -111,7 +111,7 @@ async def verify(
     return PickEvent.MISSED
 
 
-async def _where_to(
+async def where_to(
     context: PickContext, target: Target, seen: Look, why: str
 ) -> Literal[PickEvent.GONE, PickEvent.MEASURED]:
     """Whether a part in the gripper goes to the bin or to its place, where its edges show well enough how it is held;
@@ -122,7 +122,7 @@ async def _where_to(
     if target.way is not None:
         goal = target.way.goal
         target.held = await measure(context, target, seen.taken)
-        if goal.between and _barred(goal, seen):
+        if goal.between and is_barred(goal, seen):
             why, code = f"{why}; something lies where the part was to be laid on the table", CauseCode.NO_WAY_TO_PLACE
         elif target.held is None:
             text, code = "bring it to the bin, not to its place", DecisionCode.NOT_MEASURED
@@ -145,14 +145,14 @@ def _judged(
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
     if left or still_there(target, seen):
         return "still lies there", DecisionCode.STILL_THERE
-    if _knocked_away(found, target, on_table):
+    if knocked_away(found, target, on_table):
         return "was knocked away", DecisionCode.KNOCKED_AWAY
     if came_back_empty(seen.taken, mount, settings.gripper):
         return "is gone from where it lay, and the gripper is empty", DecisionCode.CAME_BACK_EMPTY
     return "is gone from where it lay", None
 
 
-def _barred(goal: Goal, seen: Look) -> bool:
+def is_barred(goal: Goal, seen: Look) -> bool:
     """Whether a look shows something on the table where a part is to be placed."""
     hand, corners = seen.reading.world_from_tool[:3, 3], goal.corners[:, :2]
     middle = corners.mean(axis=0)
@@ -161,7 +161,7 @@ def _barred(goal: Goal, seen: Look) -> bool:
     return not beside_of(others).free(middle, reach_mm)
 
 
-def _knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:
+def knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:
     """Whether a part of the same name now lies where no part lay before."""
     others = [p.centre for p in found if not same_place(p.centre, target.centre)]
     alike = [p.centre for p in on_table if p.label == target.label]

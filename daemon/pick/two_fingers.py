@@ -291,7 +291,8 @@ class _Sides(NamedTuple):
         return _Sides((self.outlines - origin) @ rotation, self.normals @ rotation, self.flat)
 
 
-def _sides(solid: Polyhedron, flat: int) -> _Sides:
+def sides_of(solid: Polyhedron, flat: int) -> _Sides:
+    """The solid's facets as sides of the same number of corners, all around the one it lies on."""
     longest = max(map(len, solid.facets))
     filled = np.array([[*ring, *ring[-1:] * (longest - len(ring))] for ring in solid.facets])
     return _Sides(solid.corners_mm[filled], solid.normals, flat)
@@ -393,11 +394,11 @@ def _touch(reach: Array, base: Array, sides: _Sides, up: Array, sign: float) -> 
     along = level @ closing > np.cos(np.radians(ALONG_DEG)) * np.maximum(np.linalg.norm(level, axis=1), 0.3)
     spots = base[farthest > most - TOUCHING_MM]
     flat = faces < sides.flat
-    slip_deg, low, high = _off_cone_deg(closing, normals), spots.min(axis=0), spots.max(axis=0)
+    slip_deg, low, high = off_cone_deg(closing, normals), spots.min(axis=0), spots.max(axis=0)
     return _Touch(slip_deg, bool((along & flat).any()), bool((along & ~flat).any()), low, high)
 
 
-def _off_cone_deg(direction: Array, normals: Array) -> float:
+def off_cone_deg(direction: Array, normals: Array) -> float:
     """Degrees between a unit direction and the nearest in the cone spanned by one or two of the (N, 3) unit normals."""
     near = normals @ direction
     alike = normals @ normals.T
@@ -426,7 +427,7 @@ def grasps(
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
     curved = (len(solid.corners_mm) - len(shape.corners_mm)) // 4
     mass, flat = centre_of_mass(solid), len(solid.facets) - curved
-    sides, found = _sides(solid, flat), list[FingerGrasp]()
+    sides, found = sides_of(solid, flat), list[FingerGrasp]()
     for along in closing_directions(solid, flat):
         middles = _legs(solid, along, mass, gripper)
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):

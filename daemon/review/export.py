@@ -49,8 +49,8 @@ def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
         schemas = json.loads((resources.files("daemon.review") / "assets" / "mcap-schemas.json").read_text())
         channels: dict[str, int] = {}
         for record in run.records:
-            stamp = _nanoseconds(record)
-            for topic, schema, message in _messages(folder, record, stamp):
+            stamp = nanoseconds_of(record)
+            for topic, schema, message in messages_of(folder, record, stamp):
                 if topic not in channels:
                     number = writer.register_schema(schema, "jsonschema", json.dumps(schemas[schema]).encode())
                     channels[topic] = writer.register_channel(topic, "json", number)
@@ -62,7 +62,7 @@ def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
 INFO, WARNING, ERROR = 2, 3, 4
 
 
-def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[str, str, dict[str, Any]]]:
+def messages_of(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[str, str, dict[str, Any]]]:
     """The messages of one record: (topic, schema, message)."""
     kind, when = record["kind"], {"sec": stamp // 10**9, "nsec": stamp % 10**9}
     found: list[tuple[str, str, dict[str, Any]]] = []
@@ -75,11 +75,11 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
             data = base64.b64encode(content).decode()
             message = {"timestamp": when, "frame_id": f"{camera}_eye", "format": "png", "data": data}
             found.append((f"/{camera}/image", "foxglove.CompressedImage", message))
-        found += _transform(when, "world", "cyclopean", record.get("world_from_cyclopean"))
+        found += frame_transform(when, "world", "cyclopean", record.get("world_from_cyclopean"))
     elif kind == "moved":
-        found += _transform(when, "world", "tool", record.get("where"))
+        found += frame_transform(when, "world", "tool", record.get("where"))
     elif kind == "estimate":
-        found += _transform(when, "world", f"part:{record.get('label')}", record.get("world_from_part"))
+        found += frame_transform(when, "world", f"part:{record.get('label')}", record.get("world_from_part"))
         keys = ("cycle", "stop", "label", "predicted_mm", "predicted_deg", "chi2")
         found.append(("/estimate", "facetd.Estimate", {k: record.get(k) for k in keys}))
     level = {"fault": ERROR, "refusal": WARNING, "gap": WARNING}.get(kind, INFO)
@@ -92,9 +92,10 @@ _BULKY = ("v", "seq", "t", "mono_s", "scene", "where", "world_from_cyclopean", "
           "target", "grasp", "joints", "images")  # fmt: skip
 
 
-def _transform(
+def frame_transform(
     when: dict[str, int], parent: str, child: str, rows: Sequence[Sequence[float]] | None
 ) -> list[tuple[str, str, dict[str, Any]]]:
+    """A Foxglove message of one frame in another, or nothing where it is not recorded. rows: (4, 4), mm."""
     if not rows:
         return []
     parent_from_child = np.array(rows, float)
@@ -118,7 +119,8 @@ def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
     return x, y, z, float(np.cos(angle / 2))
 
 
-def _nanoseconds(record: dict[str, Any]) -> int:
+def nanoseconds_of(record: dict[str, Any]) -> int:
+    """A record's time in nanoseconds since 1970, to the millisecond."""
     moment = datetime.fromisoformat(str(record.get("t") or "1970-01-01T00:00:00+00:00").replace("Z", "+00:00"))
     return int(moment.timestamp() * 1000) * 10**6
 

@@ -138,7 +138,7 @@ def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -
     a replay has not: the replay need not name it, nor decide between poses that look the same. one_model: the part's
     origin is the same in both; else corners are compared instead of poses.
     """
-    moved_by = _moved if one_model and whole else _corners_moved
+    moved_by = part_moved if one_model and whole else corners_moved
     found: list[tuple[str, str, bool]] = []
     for part, match in paired(then, now):
         if part is None or match is None:
@@ -158,8 +158,8 @@ def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
     pairs: list[tuple[Json | None, Json | None]] = []
     left = list(now.get("parts") or [])
     for part in then.get("parts") or []:
-        match = min(left, key=lambda p: _gap_mm(part, p), default=None)
-        if match is None or _gap_mm(part, match) > NEAR_MM:
+        match = min(left, key=lambda p: gap_mm(part, p), default=None)
+        if match is None or gap_mm(part, match) > NEAR_MM:
             match = None
         else:
             left.remove(match)
@@ -188,12 +188,13 @@ def untimed(scene: Json) -> Json:
     return {name: value for name, value in scene.items() if name not in OF_ONE_TIME}
 
 
-def _gap_mm(a: Json, b: Json) -> float:
+def gap_mm(a: Json, b: Json) -> float:
+    """Distance between the middles of two recorded parts, mm; inf where one has no corners."""
     one, other = _corners(a), _corners(b)
     return float(np.linalg.norm(one.mean(axis=0) - other.mean(axis=0))) if len(one) and len(other) else np.inf
 
 
-def _moved(then: Json, now: Json) -> str | None:
+def part_moved(then: Json, now: Json) -> str | None:
     """The motion in words where the pose, over all equivalent poses, differs by more than SIGMAS predicted sigmas."""
     if any(one.get("cyclopean_from_part") is None or one.get("covariance") is None for one in (then, now)):
         return None
@@ -209,7 +210,7 @@ def _moved(then: Json, now: Json) -> str | None:
     return f"moved by {mm:.2f} mm and {np.degrees(turn):.2f} degrees, {worst:.1f} sigma"
 
 
-def _corners_moved(then: Json, now: Json) -> str | None:
+def corners_moved(then: Json, now: Json) -> str | None:
     """The motion of the corners in words, where it exceeds SIGMAS of both measurements' errors."""
     mm = apart_mm(then, now)
     if mm is None or any(one.get("covariance") is None for one in (then, now)):

@@ -153,7 +153,7 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
             yield LikelyCause(code, 0.75, evidence, stop.seq)
 
 
-def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def all_seem_to_move(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """Several parts, or one repeatedly, seem to move whenever the arm looks from another place."""
     otherwise = (DecisionCode.MOVED_BETWEEN_LOOKS, DecisionCode.NOT_SEEN_AGAIN)
     shifted = [r for r in cycle.of("decision") if r.get("code") in otherwise]
@@ -198,8 +198,8 @@ def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
                 found.setdefault(code, []).append(key)
         for code, keys in found.items():
             shown[code] += 1
-            first.setdefault(code, (_text(health["findings"][keys[0]]), stop.seq))
-            beyond[code] = max(beyond.get(code, 1.0), *(_beyond(health, key) for key in keys))
+            first.setdefault(code, (text_of(health["findings"][keys[0]]), stop.seq))
+            beyond[code] = max(beyond.get(code, 1.0), *(times_its_limit(health, key) for key in keys))
     # A part that was found and then lost was found in these same images.
     most = {"missed": 0.5, "unreachable": 0.3, "aborted": 0.2, "fault": 0.6}.get(cycle.outcome, 0.95)
     unclear = any(r.get("code") == DecisionCode.SUSPECT_UNCLEAR for r in cycle.of("decision"))
@@ -213,13 +213,14 @@ def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(code, weight * (1.0 - 0.001 / beyond[code]), evidence, at)
 
 
-def _beyond(health: Mapping[str, Any], finding: str) -> float:
+def times_its_limit(health: Mapping[str, Any], finding: str) -> float:
     """A measure (`focus left`) as a multiple of its limit; 1 where it is absent, or where its limit is a minimum."""
     value, limit = health.get(finding.replace(" ", "_")), MEASURES[finding.split()[0]].limit
     return max(1.0, value / limit) if isinstance(value, (int, float)) and limit > 0.0 else 1.0
 
 
-def _text(finding: Any) -> str:
+def text_of(finding: Any) -> str:
+    """The text of a finding, as a record keeps it: the advice, or else the finding itself."""
     return str(finding.get("advice") or finding.get("text") or finding) if isinstance(finding, dict) else str(finding)
 
 
@@ -344,6 +345,6 @@ def _last(cycle: Cycle) -> int:
 
 Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[LikelyCause]]
 RULES: tuple[Rule, ...] = (
-    _ended, _refused, _geometry, _all_moves, _cameras_disagree, _images, _unnamed, _lost, _missed, _released,
+    _ended, _refused, _geometry, all_seem_to_move, _cameras_disagree, _images, _unnamed, _lost, _missed, _released,
     _uncertain, _cut_off,
 )  # fmt: skip

@@ -195,8 +195,8 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
         "metric": [{"label": k, "solid": _solid_header(m.solid), "joined": m.joined} for k, m in model.metric.items()],
     }
     header = spelt_throughout(header)  # sources are files' names, which need not be UTF-8
-    header["sha256"] = _checksum(header, arrays)
-    arrays["header"] = np.frombuffer(_canonical(header), dtype=np.uint8)
+    header["sha256"] = checksum_of(header, arrays)
+    arrays["header"] = np.frombuffer(canonical_header(header), dtype=np.uint8)
     return pack(arrays)
 
 
@@ -220,7 +220,7 @@ def from_bytes(content: bytes) -> ModelFile:
             f"version {plain.get('version')!r:.40}, this facetd reads versions 1 and {VERSION}: train anew or update"
         )
     checksum = plain.pop("sha256", None)
-    if checksum != _checksum(plain, arrays):
+    if checksum != checksum_of(plain, arrays):
         raise ModelError("altered or damaged: its checksum does not match its content")
     try:
         if plain["version"] == 1:
@@ -401,9 +401,9 @@ def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:
     return {label: format(i + 1, f"0{width}b") for i, label in enumerate(labels)}
 
 
-def _checksum(header: dict[str, Any], arrays: Arrays) -> str:
+def checksum_of(header: dict[str, Any], arrays: Arrays) -> str:
     """sha256 over the header (without its checksum) and every array: name, type, shape and bytes."""
-    digest = hashlib.sha256(_canonical(header))
+    digest = hashlib.sha256(canonical_header(header))
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
@@ -411,5 +411,6 @@ def _checksum(header: dict[str, Any], arrays: Arrays) -> str:
     return digest.hexdigest()
 
 
-def _canonical(header: dict[str, Any]) -> bytes:
+def canonical_header(header: dict[str, Any]) -> bytes:
+    """A header as its checksum has it: JSON with sorted keys, without blanks."""
     return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()

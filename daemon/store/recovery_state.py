@@ -51,7 +51,9 @@ class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
         return self.in_doubt or self.fault is not None or (cut_off and not self.ended)
 
 
-class _Slot(msgspec.Struct):
+class RecoverySlot(msgspec.Struct):
+    """One slot of the file: the state, and the number of the write."""
+
     counter: int
     standing: RecoveryState
 
@@ -120,7 +122,7 @@ class RecoveryFile(OpenFile):
 
     def write(self, state: RecoveryState) -> None:
         """Write a state into the older slot. Raises OSError."""
-        content = msgspec.json.encode(_Slot(self._counter + 1, state))
+        content = msgspec.json.encode(RecoverySlot(self._counter + 1, state))
         slot = f"{zlib.crc32(content):08x} ".encode() + content
         with naming(self.path):
             os.pwrite(self._handle, slot.ljust(SLOT - 1) + b"\n", SLOT * ((self._counter + 1) % 2))
@@ -155,7 +157,7 @@ def _in_doubt(damage: str, newest: RecoveryState | None = None) -> RecoveryState
     )
 
 
-def _slots(content: bytes) -> tuple[list[_Slot], bool]:
+def _slots(content: bytes) -> tuple[list[RecoverySlot], bool]:
     """The intact slots, and whether one is damaged. A slot that was never written is neither."""
     found, damaged = [], len(content) not in (0, 2 * SLOT)
     for start in (0, SLOT):
@@ -166,7 +168,7 @@ def _slots(content: bytes) -> tuple[list[_Slot], bool]:
         try:
             if int(checksum, 16) != zlib.crc32(text):
                 raise ValueError
-            found.append(msgspec.json.decode(text, type=_Slot))
+            found.append(msgspec.json.decode(text, type=RecoverySlot))
         except (ValueError, msgspec.MsgspecError):
             damaged = True
     return found, damaged

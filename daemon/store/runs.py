@@ -50,7 +50,7 @@ def new_folder(runs: Path, now: datetime) -> Path:
     """Path for a run that starts at `now` (UTC). Names sort in the order of creation: where the clock was set back, the
     name is that of the last run with a number added."""
     began = now.strftime("%Y%m%dT%H%M%SZ"), 0
-    made = (_age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name))
+    made = (age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name))
     last, number = max((key for key in made if key[1] < LAST_NUMBER), default=("", 0))
     stem, number = max(began, (last, number + 1))
     return runs / (f"{stem}-{number}" if number else stem)
@@ -60,7 +60,7 @@ def list_runs(runs: Path) -> list[Path]:
     """All run folders in `runs`, oldest first, without those that cannot be opened."""
     if not runs.is_dir():
         return []
-    return sorted((f for f in runs.iterdir() if os.path.isfile(f / RUN)), key=_age_key)
+    return sorted((f for f in runs.iterdir() if os.path.isfile(f / RUN)), key=age_key)
 
 
 def find_run(runs: Path, name: str) -> Path:
@@ -70,7 +70,7 @@ def find_run(runs: Path, name: str) -> Path:
         found = list_runs(runs)
         if not found:
             raise RunError(f"{runs}: no run in it yet")
-        return max(found, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, _age_key(f)))
+        return max(found, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, age_key(f)))
     for folder in (runs / name, Path(name)):
         if os.path.isfile(folder / RUN):
             return folder if folder.name not in ("", "..") else folder.resolve()
@@ -187,7 +187,7 @@ def enforce_quota(
     if fits():
         return removed
     candidates = [folder for folder in sizes if folder != current]
-    for folder in sorted(candidates, key=lambda f: (has_failure(f), _age_key(f))):
+    for folder in sorted(candidates, key=lambda f: (has_failure(f), age_key(f))):
         if fits():
             break
         try:
@@ -204,7 +204,7 @@ def enforce_quota(
 def run_bytes(folder: Path) -> int:
     """Bytes on disk of a run. Its folders of pictures are scanned again only when one has changed: the current run may
     have thousands of pictures, and its size is read every minute."""
-    size, folders = _bytes_in(str(folder))
+    size, folders = bytes_in(str(folder))
     return size + sum(_bytes_below(below, changed_ns) for below, changed_ns in folders)
 
 
@@ -220,14 +220,14 @@ def _bytes_below(folder: str, changed_ns: int) -> int:
         _SCANNED.clear()
     size, left = 0, [folder]
     while left:
-        more, folders = _bytes_in(left.pop())
+        more, folders = bytes_in(left.pop())
         size += more
         left += [below for below, _ in folders]
     _SCANNED[folder] = changed_ns, size
     return size
 
 
-def _bytes_in(folder: str) -> tuple[int, list[tuple[str, int]]]:
+def bytes_in(folder: str) -> tuple[int, list[tuple[str, int]]]:
     """Bytes on disk of the entries of a folder, and its subfolders, each with its time of change."""
     size, folders = 0, []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
@@ -263,6 +263,7 @@ def lines_of(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
             yield number, line.rstrip(b"\n"), not goes_on
 
 
-def _age_key(folder: Path) -> tuple[str, int]:
+def age_key(folder: Path) -> tuple[str, int]:
+    """Sort key of a run's folder: runs of one second by their number, as one."""
     stem, _, number = folder.name.partition("-")
     return stem, int(number) if number.isdecimal() and len(number) < 10 else 0

@@ -49,7 +49,7 @@ def _mjpeg(data: bytes, layout: Layout) -> Image:
         end = check_whole(data)
     except JpegError as error:
         raise DamagedFrameError(f"JPEG: {error}") from None
-    body = _unpadded(data[:end])
+    body = without_padding(data[:end])
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise DamagedFrameError(f"JPEG of {len(body)} bytes cannot be decoded")
@@ -58,7 +58,7 @@ def _mjpeg(data: bytes, layout: Layout) -> Image:
     return np.asarray(image, np.uint8)
 
 
-def _unpadded(data: bytes) -> bytes:
+def without_padding(data: bytes) -> bytes:
     """A complete JPEG without zeros before its end mark, for each of which libjpeg prints a line to stderr."""
     scan = data[:-2].rstrip(b"\x00")
     stuffing = data[len(scan) : len(scan) + 1] if scan.endswith(b"\xff") and len(scan) < len(data) - 2 else b""

@@ -190,7 +190,7 @@ class Conversation:
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
                 self.line_may_have_leftover = False
-                answer = _answer(command, gathered, self.clock() - began_s, self.dialect)
+                answer = answer_from(command, gathered, self.clock() - began_s, self.dialect)
                 if command == "WHERE" and answer.where is not None:
                     self._owed.table_came()
                 return answer
@@ -363,7 +363,7 @@ class Conversation:
             for event in behind:
                 self.hear(event)  # kept for the search for the prompt: it may be an emergency stop
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
-        if _is_twice(typed, back):
+        if is_twice(typed, back):
             raise Garbled(TWICE, code="converter_echoes")
         if typed_beside(typed, back):
             raise Interleaved(back)
@@ -382,7 +382,7 @@ def _as_text(event: LineEvent) -> str:
     return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
 
 
-def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
+def answer_from(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
     """Build a ControllerAnswer from the events. Raises Garbled where they contain noise or a second echo, Interleaved
     where they contain somebody else's line."""
     received, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
@@ -408,7 +408,7 @@ def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: 
     )
 
 
-def _is_twice(typed: bytes, back: bytes) -> bool:
+def is_twice(typed: bytes, back: bytes) -> bool:
     """Whether `back` begins with two copies of what was typed, one behind the other or each a piece at a time."""
     copies = {0}
     """How much of one copy there may be; the rest is the other's."""

@@ -68,7 +68,7 @@ def first_moves(known: ContactFindings) -> Steps:
                 f"{sum(early)} of {len(early)} prompts came before the joint was there")  # fmt: skip
 
 
-def _drive(joint: int, degrees: float) -> str:
+def drive_command(joint: int, degrees: float) -> str:
     """The command of one small step. Raises ValueError for a larger one."""
     if joint not in range(1, 7) or abs(degrees) > STEP_DEG:
         raise ValueError(f"joint {joint} by {degrees} degrees is no small step")
@@ -82,7 +82,7 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
         misread = False
         for sign in (1.0, -1.0):
             known.moved = True
-            yield from _typed(known, _drive(FIRST_JOINT, sign * STEP_DEG))
+            yield from _typed(known, drive_command(FIRST_JOINT, sign * STEP_DEG))
             began: Heard = yield Exchange(known.end, CUT_AFTER_S, CUT_AFTER_S)
             answer = yield from ask(known, known.stop_word, MOTION_S)
             errors = errors_in(began.data) + answer.errors
@@ -103,7 +103,7 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
         else:
             if misread:
                 raise UnclearError(
-                    f"{_drive(FIRST_JOINT, STEP_DEG)} and {known.stop_word}, typed slowly, are answered by "
+                    f"{drive_command(FIRST_JOINT, STEP_DEG)} and {known.stop_word}, typed slowly, are answered by "
                     f"{'; '.join(errors) or 'nothing'}: another system, or noise on the line: send the transcript"
                 )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
@@ -147,11 +147,11 @@ def _calibrated(known: ContactFindings, refusal: str) -> Steps:
 def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:
     """Make one step and read WHERE; check that only that joint has turned, by that angle. Raises UnclearError."""
     yield Tell(f"joint {joint} by {degrees:+g} degrees")
-    answer = yield from _moved(known, _drive(joint, degrees))
+    answer = yield from _moved(known, drive_command(joint, degrees))
     if answer.errors:
         yield Tell(f"it says {'; '.join(answer.errors)}: the other way")
         degrees = -degrees
-        answer = yield from _moved(known, _drive(joint, degrees))
+        answer = yield from _moved(known, drive_command(joint, degrees))
     if answer.errors:
         raise UnclearError(
             f"joint {joint} cannot be turned: the controller says {'; '.join(answer.errors)}. What does it need?"

@@ -333,7 +333,7 @@ class Link:
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
-            self._aborting.add_done_callback(_heard_of)
+            self._aborting.add_done_callback(mark_heard)
         return await asyncio.shield(self._aborting)
 
     async def prove_stop(self) -> None:
@@ -629,7 +629,7 @@ def nothing() -> None:
     """Do nothing."""
 
 
-def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
+def mark_heard(aborting: asyncio.Task[Where | None]) -> None:
     """Mark the error of an abort as retrieved: its caller may have been cancelled."""
     if not aborting.cancelled():
         aborting.exception()

@@ -31,7 +31,7 @@ from daemon.errors import FacetdError
 from daemon.fleet.layout import rows_of
 from daemon.fleet.soundness import damages
 from daemon.frontends.line_editor import LineEditor
-from daemon.frontends.socket_server import _message
+from daemon.frontends.socket_server import parse_message
 from daemon.review.brief import read_brief
 from daemon.review.cli import record_line
 from daemon.review.digest import digest
@@ -44,8 +44,8 @@ from daemon.store.library import load_facets, load_parts
 from daemon.store.model import (
     LARGEST_UNFOLDED,
     ModelError,
-    _canonical,
-    _checksum,
+    canonical_header,
+    checksum_of,
     from_bytes,
     load,
     to_bytes,
@@ -284,7 +284,7 @@ def _state(content: bytes, folder: Path) -> object:
 
 def _said(content: bytes, folder: Path) -> object:
     """A line at the socket, and what the interpreter makes of it; a fault in facetd itself is none that is named."""
-    message = _message(content)
+    message = parse_message(content)
     context = fake_context(folder)
     context.log.records.clear()
     if not isinstance(message.do, str):
@@ -315,8 +315,8 @@ def _model_parts() -> tuple[dict[str, Any], Arrays]:
 
 def fitting(header: dict[str, Any], arrays: Arrays) -> bytes:
     """A model file whose checksum matches its content. Raises where the header is invalid."""
-    told = header | {"sha256": _checksum(header, arrays)}
-    return pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})
+    told = header | {"sha256": checksum_of(header, arrays)}
+    return pack(arrays | {"header": np.frombuffer(canonical_header(told), np.uint8)})
 
 
 def _fitting_model(content: bytes, _: Path) -> object:

@@ -131,7 +131,7 @@ def named_by_edges(
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
     chances = max(by_facets.tests, fewest)
-    laid = _with_competing(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.competing, chances)
+    laid = with_competing(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.competing, chances)
     _, found, _ = _proven(search, laid, chances, spent)
     if found and enough(found):
         return NamedByEdges(found, (), (), complete=True)
@@ -142,10 +142,10 @@ def named_by_edges(
         chances = max(tests, fewest)
         fresh = _by_odds(registered_near(search, likely))
         if spent() < SEARCHED:
-            fresh += registered_near(search, _undecided(fresh, chances, images))
+            fresh += registered_near(search, undecided_poses(fresh, chances, images))
         laid = _by_odds([*laid, *fresh])
         if spent() < SEARCHED:
-            laid = _with_competing(search, _by_odds(_without_hidden(laid, chances, images)), competing, chances)
+            laid = with_competing(search, _by_odds(_without_hidden(laid, chances, images)), competing, chances)
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
         if named or found or search.ground is None or spent() > SEARCHED:
@@ -161,7 +161,7 @@ def named_by_edges(
     return NamedByEdges(found, guesses, left_out)
 
 
-def _with_competing(
+def with_competing(
     search: Search, laid: list[RegisteredPart], competing: Sequence[EdgeHypothesis], tests: int
 ) -> list[RegisteredPart]:
     """Laid parts, the likeliest first, and with them, where one may have a name, those that could be there as well."""
@@ -181,14 +181,14 @@ def _proven(
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
         if any(one.overlaps(other) for other in taken):
             continue
-        odds = _log_odds(one, search, tests)
-        if _probability(odds) < LEAST_CONFIDENCE:
+        odds = log_odds_of(one, search, tests)
+        if probability_of(odds) < LEAST_CONFIDENCE:
             continue
         one = _other_way(one, laid, search)
         taken.append(one)
         one = _best_turn(one, search)
         holes = by_holes(one.label, one.pose, search.model, images)
-        confidence = _probability(odds + min(holes.nats, 0.0))
+        confidence = probability_of(odds + min(holes.nats, 0.0))
         if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
             continue
         if holes.pose is not one.pose:
@@ -218,7 +218,7 @@ def _other_way(one: RegisteredPart, laid: Sequence[RegisteredPart], search: Sear
     over = [EdgeHypothesis(one.label, one.pose @ frames.inverse(turn)) for turn in facet_turns(one.solid, facet)]
     others = [*same, *registered_at(search, over)] if over else same
     ways = _by_odds(other for other in others if _lies_otherwise(other, one))[:MOST_WAYS]
-    likely = [way for way in ways if _probability(_log_odds(way, search, len(ways))) >= LEAST_CONFIDENCE]
+    likely = [way for way in ways if probability_of(log_odds_of(way, search, len(ways))) >= LEAST_CONFIDENCE]
     if not likely:
         return one
     here, *measured = (_where_measured(each, search) for each in (one, *likely))
@@ -289,7 +289,7 @@ def _guess(one: RegisteredPart, apart_px: float) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
-def _undecided(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> list[EdgeHypothesis]:
+def undecided_poses(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> list[EdgeHypothesis]:
     """Other poses of the likeliest part at each place, where its edges do not decide whether it is there."""
     places, found = list[RegisteredPart](), list[EdgeHypothesis]()
     for one in laid:
@@ -321,7 +321,7 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, images: StereoIm
             yield one
 
 
-def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
+def log_odds_of(one: RegisteredPart, search: Search, tests: int) -> float:
     """Log odds that a registered hypothesis is true, corrected for the number of hypotheses tested; minus infinity
     below the threshold for a name."""
     if not _may_be_named(one, tests):
@@ -339,10 +339,11 @@ def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
 def _may_be_named(one: RegisteredPart, tests: int) -> bool:
     """Whether the best that could speak for a laid part besides its edges would make it sure enough for a name."""
     further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
-    return _probability(one.odds - float(np.log(tests)) + further) >= LEAST_CONFIDENCE
+    return probability_of(one.odds - float(np.log(tests)) + further) >= LEAST_CONFIDENCE
 
 
-def _probability(log_odds: float) -> float:
+def probability_of(log_odds: float) -> float:
+    """The probability that log odds mean."""
     return float(1 / (1 + np.exp(-log_odds)))
 
 
@@ -368,7 +369,7 @@ def placed(
     why = f"{100 * seen.evidence.share:.0f} % of its expected edges are visible"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
     equivalents = _alike(seen.solid, pose, numbers, images)
-    covariance = covariance + _spread(seen, same, alike)
+    covariance = covariance + pose_spread(seen, same, alike)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(merge_vertices(list(facets)), part)
 
@@ -379,7 +380,7 @@ def _odds_of_place(one: RegisteredPart) -> float:
     return one.odds + float(np.log(one.tries))
 
 
-def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) -> Array:
+def pose_spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) -> Array:
     """(6, 6) extra covariance of the pose from other poses of the same part that are nearly as likely. alike (S, 4, 4):
     the poses at which the part would look the same as at the likeliest one."""
     spread, total = np.zeros((6, 6)), 1.0

@@ -33,7 +33,7 @@ def face_consistency(solid: Polyhedron, pose: Array, images: StereoImages, apart
     total = apart = count = 0.0
     most = np.array(images.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
-        on_face = _on_face(solid, index)
+        on_face = places_on_face(solid, index)
         ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], on_face))
         borders, seen = (_seen(points, images, apart_px) for points in (ring, places))
         within = [
@@ -42,7 +42,7 @@ def face_consistency(solid: Polyhedron, pose: Array, images: StereoImages, apart
         ]
         keep = np.all(within, axis=0)
         if keep.sum() >= FEWEST:
-            keep[keep] = _bare(solid, index, on_face[keep], pose, images)
+            keep[keep] = bare_places(solid, index, on_face[keep], pose, images)
         if keep.sum() < FEWEST:
             continue
         left, right = (_print(view.grainless, px[keep]) for view, px in zip(images.views, seen, strict=True))
@@ -71,7 +71,7 @@ def _seen(points: Array, images: StereoImages, apart_px: float) -> tuple[Array, 
     return geometry.left.pixels(left), geometry.right.pixels(right + shift)
 
 
-def _on_face(solid: Polyhedron, index: int) -> Array:
+def places_on_face(solid: Polyhedron, index: int) -> Array:
     """(N, 3) places about a facet, in its plane, in the solid's frame."""
     flat_from_part = solid.flat_from_solid[index]
     flat = frames.apply(flat_from_part, solid.corners_mm[solid.rings[index]])[:, :2]
@@ -81,7 +81,7 @@ def _on_face(solid: Polyhedron, index: int) -> Array:
     return frames.apply(frames.inverse(flat_from_part), places)
 
 
-def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, images: StereoImages) -> Flags:
+def bare_places(solid: Polyhedron, index: int, places: Array, pose: Array, images: StereoImages) -> Flags:
     """(N,) whether both cameras see the facet itself at and about places (N, 3) on it, in the solid's frame: no hole in
     it, and nothing of the part before it."""
     flat_from_part = solid.flat_from_solid[index]

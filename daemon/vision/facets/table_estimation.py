@@ -151,10 +151,10 @@ def _table_of(
     disparities: NDArray[np.float32], pictures: tuple[NDArray[Any], NDArray[Any]], geometry: Baseline, canvas: Rectified
 ) -> TablePlane | None:
     """The plane that most of the disparities (H, W) lie in, as both pictures have it."""
-    every, own = _places(disparities.shape), disparities.ravel()
+    every, own = coarse_places(disparities.shape), disparities.ravel()
     matched = own > canvas.least
     places = every[matched]
-    plane = _plane(places, own[matched], canvas)
+    plane = plane_of_most(places, own[matched], canvas)
     if plane is None:
         return None
     plane = _compared(plane, places[np.abs(places @ plane - own[matched]) < ON_PLANE_PX], pictures, canvas)
@@ -173,7 +173,7 @@ def _table_of(
 
 
 @lru_cache(maxsize=4)
-def _places(shape: tuple[int, int]) -> Array:
+def coarse_places(shape: tuple[int, int]) -> Array:
     """(N, 3) column, row and 1 of every pixel of a coarse picture."""
     row, column = np.indices(shape).reshape(2, -1)
     return np.stack([column, row, np.ones_like(row)], 1).astype(float)
@@ -216,7 +216,7 @@ def _disparities(pictures: tuple[NDArray[Any], NDArray[Any]], canvas: Rectified)
     return np.asarray(found / STEPS - ROUNDED_UP, np.float32)
 
 
-def _plane(places: Array, disparities: NDArray[np.float32], canvas: Rectified) -> Array | None:
+def plane_of_most(places: Array, disparities: NDArray[np.float32], canvas: Rectified) -> Array | None:
     """(3,) the plane, disparity = plane . (column, row, 1), in which most of places (N, 3) lie and few beyond it, where
     both cameras would see it."""
     if len(places) < FEWEST:

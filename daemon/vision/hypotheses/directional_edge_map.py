@@ -98,7 +98,7 @@ def edge_distances(view: CameraImage) -> DirectionalEdgeMap:
     """Maps of what a camera sees: as large as its segments need, of a chance as in all of its image."""
     found, camera, shape = view.segments, view.rectified, view.grey.shape
     rim = camera.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
-    scale = _scale(camera.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
+    scale = map_scale(camera.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
     ends = (camera.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
     low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - ROOM
     width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + ROOM
@@ -118,7 +118,7 @@ def edge_distances(view: CameraImage) -> DirectionalEdgeMap:
     return DirectionalEdgeMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
-def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
+def map_scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
     """Pixels per unit of a map that is size (2,) wide and high, of an image (H, W): as fine as wanted, but for maps
     much larger than the image."""
     by_area = np.sqrt(LARGEST * np.prod(shape) / np.prod(size)) / SHRINK

@@ -323,7 +323,7 @@ def poses_from_junctions(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
     ).sum()
     nats = _nats(corners, geometry, maps, kinds, could, other)
-    where, side, which, by_edges = _likeliest(nats, kinds, *_most(len(solids.shapes), len(corners.at)))
+    where, side, which, by_edges = _likeliest(nats, kinds, *most_guesses(len(solids.shapes), len(corners.at)))
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
     axes = basis(corners.firm[where], seconds)
     onward = _of_outline(corners.at[where], axes, kinds.outline_mm, which, geometry, maps)
@@ -354,7 +354,7 @@ def _of_outline(
     return found
 
 
-def _most(taught: int, corners: int) -> tuple[int, int]:
+def most_guesses(taught: int, corners: int) -> tuple[int, int]:
     """Guesses in all, and at one of so many corners."""
     most, of_one = (max(least, each * min(taught, MOST_TAUGHT)) for least, each in (MOST_GUESSES, MOST_OF_ONE))
     return most, max(of_one, most // corners)

@@ -101,7 +101,9 @@ def poses_on_support(
     for k, camera in enumerate((geometry.left, geometry.right)):
         corners = CameraJunctions.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), camera).longer_first()
         viewpoint_mm = geometry.middle_mm + (k - 0.5) * geometry.length_mm * turn[:, 0]
-        which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ viewpoint_mm) - table.level_mm)
+        which, at, ways = possible_places(
+            corners, taught, turn.T @ table.up, float(table.up @ viewpoint_mm) - table.level_mm
+        )
         tests += len(which)
         from_other = at - [(1 - 2 * k) * geometry.length_mm, 0.0, 0.0]
         own = taught.corner[which]
@@ -113,7 +115,7 @@ def poses_on_support(
     return PoseBatch(solids, np.concatenate(parts), np.concatenate(poses)), tests
 
 
-def _possible(
+def possible_places(
     corners: CameraJunctions, taught: RestingJunctions, up: Array, viewpoint_mm: float
 ) -> tuple[Index, Array, Array]:
     """Which taught corners (N,) could lie where, (N, 3) mm from the camera, and where both of their edges point then

@@ -161,7 +161,7 @@ def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: 
     """
     points = hinges[:, 0]
     rest, cosine = _nearest_rest(posed, table)
-    turns = _turns((posed.poses[:, :3, :3] @ rest[..., None])[..., 0], -table.up)
+    turns = smallest_turns((posed.poses[:, :3, :3] @ rest[..., None])[..., 0], -table.up)
     poses = turned(posed.poses, turns, points)
     sight = points - (geometry.middle_mm - geometry.cyclopean_from_baseline[:, 0] * geometry.length_mm / 2)
     sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
@@ -192,7 +192,7 @@ def _lowest_mm(posed: PoseBatch, table: TablePlane) -> Array:
     return np.asarray(heights.min(1) + posed.poses[:, :3, 3] @ table.up - table.level_mm)
 
 
-def _turns(one: Array, to: Array) -> Array:
+def smallest_turns(one: Array, to: Array) -> Array:
     """(G, 3, 3) the smallest rotations that take unit directions (G, 3) to another (3,)."""
     cross = frames.cross_matrices(np.cross(one, to))
     return np.asarray(np.eye(3) + cross + cross @ cross / np.maximum(1 + one @ to, 1e-6)[:, None, None])

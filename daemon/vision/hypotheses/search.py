@@ -182,7 +182,7 @@ def _likeliest(
     best angle."""
     geometry, maps, further = search.images.geometry, search.maps, np.broadcast_to(further, len(posed.part))
     good, by_glance = promising(posed, geometry, maps, further)
-    good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
+    good = good[varied_guesses(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
     nats = evidence(posed, geometry, maps)[0] + further[good]
     in_view = posed.in_either_view(geometry).sum(1) + (further[good] > 0)
@@ -198,7 +198,7 @@ def _likeliest(
     return RankedHypotheses(kept, tests, competing=competing)
 
 
-def _varied(guesses: ScoredPoses) -> Index:
+def varied_guesses(guesses: ScoredPoses) -> Index:
     """Those that both cameras are asked of: where they are too many, a few of every bundle."""
     if len(guesses.against) <= MOST_PROMISING:
         return np.arange(len(guesses.against))

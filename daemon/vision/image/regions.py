@@ -197,13 +197,15 @@ def closed_regions(
     (left, top), (right, bottom) = ((corner - scale.origin_px) / scale.shrink for corner in window)
     first = max(int(left), 0), max(int(top), 0)
     seen = edges[first[1] : int(bottom) + 1, first[0] : int(right) + 1]
-    holes = _holes_among_specks(seen, first, least, _FOLLOWED * most) if _speckled(edges) else _holes(seen, first)
+    holes = (
+        largest_hole_borders(seen, first, least, _FOLLOWED * most) if _speckled(edges) else hole_borders(seen, first)
+    )
     sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
     return [Region(border, area * size, scale) for area, border in sized[:most]]
 
 
-def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
+def hole_borders(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
     """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off; first: the place of their first pixel."""
     borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=first)
     if not borders:
@@ -212,7 +214,7 @@ def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
     return [np.asarray(border, np.int32) for border, outer in zip(borders, around, strict=True) if outer >= 0]
 
 
-def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:
+def largest_hole_borders(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:
     """The same borders, of so many of the largest only, found by their areas first: following the borders of ten
     thousand specks costs more than all else.
     """

@@ -73,7 +73,7 @@ class SegmentCorners:
 
 def find_segments(grey: Grey) -> Segments:
     """The straight segments of an image (H, W), faint ones among strong ones as well."""
-    found = _lsd(_raised(grey))
+    found = segments_by_lsd(_raised(grey))
     every = Segments(found[:, :2], found[:, 2:])
     return _longest(every.chosen(every.lengths_px >= SHORTEST_PX))
 
@@ -102,7 +102,7 @@ def _longest(every: Segments) -> Segments:
     return every.chosen(shared_out(direction, MOST_SEGMENTS))
 
 
-def _lsd(grey: Grey) -> Array:
+def segments_by_lsd(grey: Grey) -> Array:
     """(N, 4) px, both ends of each segment."""
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, scale=SHARE).detect(grey)[0]
     return np.zeros((0, 4)) if found is None else np.asarray(found, float).reshape(-1, 4)

@@ -120,7 +120,7 @@ def adjusted(
     spread = np.linalg.inv(hessian)
     followed = float(np.trace(spread @ found.information[0]))  # of the lines, what all unknowns follow, corners too
     spread *= max(float(excess_of(found.miss, found.trust, 2, followed)[0]), 1.0)
-    worn_mm, sigma2_mm2 = _wear(float(solution[-1]), float(spread[-1, -1]))
+    worn_mm, sigma2_mm2 = wear_of(float(solution[-1]), float(spread[-1, -1]))
     with_wear = spread[:, -1] / spread[-1, -1]
     solution = solution + with_wear * (worn_mm - solution[-1])
     spread = spread + np.outer(with_wear, with_wear) * (sigma2_mm2 - spread[-1, -1])
@@ -153,7 +153,7 @@ def _usual_px2(doubt: Array, trust: Array) -> float:
     return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
 
 
-def _wear(found_mm: float, variance_mm2: float) -> tuple[float, float]:
+def wear_of(found_mm: float, variance_mm2: float) -> tuple[float, float]:
     """How far a part's edges have drawn back, and its variance, where a fit that takes it for worn says found_mm.
 
     Most parts are not worn, and no edge grows: what is said is the mean over both cases. Source: Savage and Dickey's

@@ -121,12 +121,12 @@ def locate(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float
             for edges, view in zip(_expected(laid, images, poses), images.views, strict=True)
         ]
         shown_share = _share(rough, [seen.there for seen in rough])
-        poses = moved(poses, _solved(rough, poses[0], near, reach_mm)[0][None])
+        poses = moved(poses, solved_motion(rough, poses[0], near, reach_mm)[0][None])
     if shown_share < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
         left, right = measured(_expected(laid, images, poses), images)
-        motion, information = _solved((left, right), poses[0], near, reach_mm)
+        motion, information = solved_motion((left, right), poses[0], near, reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
         if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
             return None
@@ -356,7 +356,9 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), doubt, there)
 
 
-def _solved(observed: Sequence[EdgeObservation], pose: Array, near: Array, reach_mm: float) -> tuple[Array, Array]:
+def solved_motion(
+    observed: Sequence[EdgeObservation], pose: Array, near: Array, reach_mm: float
+) -> tuple[Array, Array]:
     """The motion (6,) that brings a pose onto the edges of both cameras, not much more than the reach from where it was
     thought to be: what no edge says, as the turn of a disc, stays as near; and the information (6, 6) of those that
     agree."""

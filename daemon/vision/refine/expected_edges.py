@@ -192,7 +192,7 @@ def expected(
     camera, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
     ends = (laid.ends + begins)[owner, edge]
     start, end = px[camera, ends[:, 0]], px[camera, ends[:, 1]]
-    first, last = _inside(start, end, images.rig.image_size)
+    first, last = shares_inside(start, end, images.rig.image_size)
     least = np.where(laid.circles[owner, edge, 3] > 0, LEAST_ARC_PX, LEAST_LENGTH_PX)
     keep = (last - first) * np.hypot(*(end - start).T) >= least
     camera, owner, edge, ends, start, end = (each[keep] for each in (camera, owner, edge, ends, start, end))
@@ -261,7 +261,7 @@ def _climb(bow: Array, start: Array, end: Array) -> Array:
     return np.asarray(rise[..., None] * (way / np.maximum((way**2).sum(1, keepdims=True), 1e-9))[:, None])
 
 
-def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+def shares_inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (width, height) (Liang and
     Barsky); the second is not above the first where none of it is."""
     way, limit = (end - start).T, np.array([size]).T - 1 - ROOM_PX

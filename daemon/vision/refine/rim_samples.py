@@ -104,7 +104,7 @@ def _seen(
     room = np.array(view.grey.shape[::-1]) - 1 - ROOM_PX
     if np.ptp(ring_px) > 2 * room.max():
         return None  # beside the camera or behind it a rim may be millions of px long
-    places = _along(hole, ring_px)
+    places = places_along_rim(hole, ring_px)
     px = camera.project(frames.apply(pose, places))
     normal = _normals(px)
     inside: Flags = np.asarray(((px > ROOM_PX) & (px < room)).all(1))
@@ -151,7 +151,7 @@ def _fitted(slopes: Array, normal: Array, sigma_px: float) -> tuple[RimSeen, Arr
     return RimSeen(stretches, shows, chance, float(moved[2]) - SHRUNK_PX, sigma_px), moved[:2]
 
 
-def _along(hole: Hole, ring_px: Array) -> Array:
+def places_along_rim(hole: Hole, ring_px: Array) -> Array:
     """(N, 3) mm places along a rim, about STEP_PX apart in the picture, where its corners are at (M, 2) px."""
     after = np.roll(hole.ring_mm, -1, 0)
     lengths = np.linalg.norm(np.roll(ring_px, -1, 0) - ring_px, axis=1)

@@ -371,14 +371,14 @@ def test_a_part_may_come_down_to_just_its_support_and_below_it_the_support_is_na
         tip = CarriedCapsule("cube", "tool", (0.0, 0.0, 30.0), (0.0, 0.0, 30.0), 0.0, level_mm=support_mm)
         bare = replace(LIMITS, capsules=(tip,), body_mm=())
         pose = frames.rigid(DOWN, np.array([*AT[:2, 3], support_mm + 30.0 + off_mm]))
-        assert guard._below_table(command(pose), STANDING, bare) == told
+        assert guard.below_table(command(pose), STANDING, bare) == told
     bare = replace(LIMITS, capsules=(), body_mm=(), clearance_mm=0.5)
     for z_mm, told in (
         (0.5, None),
         (0.25, "the tool would come to 0.2 mm above the table; at least 0.5 mm are needed"),
     ):
         pose = frames.rigid(DOWN, np.array([*AT[:2, 3], LIMITS.table_z_mm + z_mm]))
-        assert guard._below_table(command(pose), STANDING, bare) == told
+        assert guard.below_table(command(pose), STANDING, bare) == told
 
 
 def test_who_configures_no_room_has_one_that_no_arm_known_reaches_the_sides_of():

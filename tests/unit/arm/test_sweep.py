@@ -125,7 +125,7 @@ def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
 
 def test_how_the_wrist_centre_goes_for_a_turn_of_each_joint_is_as_it_goes():
     joints, step = np.radians([20.0, 40.0, -70.0, 10.0, 30.0, 5.0]), 1e-6
-    told = sweep._jacobians_mm(ROBOT.frames(joints[None]))[0]
+    told = sweep.jacobians_mm(ROBOT.frames(joints[None]))[0]
     for joint in range(3):
         ends = ROBOT.frames(joints + np.array([[-0.5], [0.5]]) * step * np.eye(6)[joint])[:, sweep.FLANGE, :3, 3]
         np.testing.assert_allclose(told[joint], (ends[1] - ends[0]) / step, atol=1e-3)
@@ -182,9 +182,9 @@ def along(ends, shares):
     """What a line is bounded by at these shares: motion (6,), places (N, 8, 4, 4), Jacobians, the wrist's way each."""
     start = reading(ends[0])
     motion = frames.difference(ends[1], ends[0])
-    places = ROBOT.frames(sweep._joints_along(ROBOT, start, motion, shares, start.joints_rad))
+    places = ROBOT.frames(sweep.joints_along(ROBOT, start, motion, shares, start.joints_rad))
     wrists_mm = (np.linalg.norm(motion[:3]) + np.linalg.norm(motion[3:]) * 130.0) * np.diff(shares)
-    return motion, places, sweep._jacobians_mm(places), wrists_mm
+    return motion, places, sweep.jacobians_mm(places), wrists_mm
 
 
 def test_joints_asked_for_near_to_others_are_the_turn_they_have_come_to_as_if_followed_all_the_way():
@@ -207,8 +207,8 @@ def test_the_least_lever_arm_is_nowhere_less_between_two_places_however_far_apar
     for count in (3, 9, 41):
         shares, fine = np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, 40 * (count - 1) + 1)
         _, places, jacobians, wrist_mm = along(ends, shares)
-        bend_mm, _ = sweep._bends_mm(sweep._origins_off_mm(places[0])[:3, 6])
-        least, falls = sweep._least_squared(jacobians, bend_mm * wrist_mm)
+        bend_mm, _ = sweep.bends_mm(sweep.origins_off_mm(places[0])[:3, 6])
+        least, falls = sweep.least_squared(jacobians, bend_mm * wrist_mm)
         singular = np.linalg.svd(along(ends, fine)[2], compute_uv=False)[:, -1] ** 2
         within = np.lib.stride_tricks.sliding_window_view(singular, 41)[::40]
         assert (least <= within.min(axis=1) + 1e-6).all()
@@ -220,38 +220,38 @@ def test_what_the_jacobian_changes_for_a_radian_is_bounded_and_on_an_arm_straigh
     """There the levers of joints 2 and 3 lie level, and each joint turns all of them."""
     step, straight = 1e-4, np.radians([20.0, 90.0, -90.0 + np.degrees(np.arctan2(20.3, 431.8)), 10.0, 30.0, 5.0])
     for joints in [straight] if up else np.random.default_rng(3).uniform(-2, 2, (20, 6)):
-        ends = [sweep._jacobians_mm(ROBOT.frames(joints + half * step * np.eye(6)[:3])) for half in (-0.5, 0.5)]
+        ends = [sweep.jacobians_mm(ROBOT.frames(joints + half * step * np.eye(6)[:3])) for half in (-0.5, 0.5)]
         changes = np.linalg.norm((ends[1] - ends[0]) / step, axis=(1, 2))
         links = ROBOT.frames(joints[None])[0]
-        levers = np.linalg.norm(sweep._jacobians_mm(links[None])[0], axis=1)
-        assert (levers <= sweep._origins_off_mm(links)[:3, 6] + 1e-6).all()
-        true, told = (np.hypot(changes[1], changes[2]), np.linalg.norm(changes)), sweep._bends_mm(levers)
+        levers = np.linalg.norm(sweep.jacobians_mm(links[None])[0], axis=1)
+        assert (levers <= sweep.origins_off_mm(links)[:3, 6] + 1e-6).all()
+        true, told = (np.hypot(changes[1], changes[2]), np.linalg.norm(changes)), sweep.bends_mm(levers)
         assert (true <= np.array(told) * (1.0 + 1e-6)).all()
         if up:
             np.testing.assert_allclose(true, told, rtol=1e-3)
-    assert sweep._bends_mm(np.array([3.0, 0.0, 0.0])) == (0.0, 3.0), "joint 1 bends only what joint 1 moves"
+    assert sweep.bends_mm(np.array([3.0, 0.0, 0.0])) == (0.0, 3.0), "joint 1 bends only what joint 1 moves"
 
 
 @pytest.mark.parametrize("ends", LINES)
 def test_how_fast_the_arm_s_own_joints_turn_on_a_line_is_as_they_do(ends):
     middle, step = 0.4, 1e-4
     motion, places, jacobians, _ = along(ends, np.array([0.0, middle]))
-    off = sweep._wrist_from_tcp(places)
+    off = sweep.wrist_from_tcp(places)
     np.testing.assert_allclose(off, -130.0 * places[:, 7, :3, 2], atol=1e-9)
-    told = sweep._rates(jacobians, motion[:3] + np.cross(motion[3:], off))[1]
+    told = sweep.joint_rates(jacobians, motion[:3] + np.cross(motion[3:], off))[1]
     before, after = joints_along(ends, np.array([middle - step, middle + step]))
     np.testing.assert_allclose(told, np.abs(after - before)[:3] / (2 * step), rtol=1e-4, atol=1e-6)
 
 
 def test_between_two_places_a_joint_gets_faster_for_half_a_stretch_at_most_and_never_faster_than_the_fastest():
     rates = np.array([[0.1, 0.4, 0.0], [0.3, 0.2, 0.0], [0.3, 0.2, 0.0]])
-    told = sweep._most_turned(rates, np.array([0.5, 0.25]), np.array([9.0, 0.07]), np.array([0.02, 0.02]))
+    told = sweep.most_turned(rates, np.array([0.5, 0.25]), np.array([9.0, 0.07]), np.array([0.02, 0.02]))
     np.testing.assert_allclose(told, [[0.16, 0.21, 0.01], [0.07, 0.06, 0.01]])
 
 
 def test_where_the_least_lever_arm_could_fall_by_much_is_looked_at_in_so_many_parts_that_it_cannot():
     falls = np.array([0.0, 0.5, 0.74, 0.75, 1.0, 1.2, 5.9, 6.1, 1e9])
-    assert sweep._subdivisions(falls).tolist() == [1, 1, 1, 2, 2, 3, 12, 12, 12]
+    assert sweep.subdivisions(falls).tolist() == [1, 1, 1, 2, 2, 3, 12, 12, 12]
 
 
 def bounded(ends, capsules=LIMITS.capsules):
@@ -482,7 +482,7 @@ def test_a_way_is_looked_at_in_as_many_places_as_are_the_most_and_in_no_more(mon
         parts.append(np.where(np.arange(len(falls)) == 0, 3, 1))
         return parts[-1]
 
-    monkeypatch.setattr(sweep, "_subdivisions", closer)
+    monkeypatch.setattr(sweep, "subdivisions", closer)
     way = travel(hand(500, -150, 100), hand(500, 50, 100))
     assert rule(way) is None
     for most, told in ((parts[0].sum(), None), (parts[0].sum() - 1, "no_way")):
@@ -741,10 +741,10 @@ def test_what_cannot_come_near_is_not_looked_at_nor_what_would_only_just_touch()
             low = (-100.0 - far_mm, -5.0, -5.0) if side < 0 else (64.0 + far_mm, -5.0, -5.0)
             box = KeepOut("box", low, (low[0] + 100.0, 5.0, 5.0))
             limits = Limits(keep_out=(box,), capsules=capsules, table_z_mm=-18.0)
-            tight = sweep._broad_phase(ends, travel_mm, body, limits)
+            tight = sweep.broad_phase(ends, travel_mm, body, limits)
             assert tight.capsules.tolist() == told
             assert tight.boxes.tolist() == ([0] if len(told) > 1 else [])
-    assert sweep._broad_phase(ends, travel_mm, body, Limits(capsules=capsules, table_z_mm=-17.0)).capsules.tolist() == [
+    assert sweep.broad_phase(ends, travel_mm, body, Limits(capsules=capsules, table_z_mm=-17.0)).capsules.tolist() == [
         0,
         1,
         2,

@@ -13,11 +13,11 @@ from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardErr
 from daemon.calibration.board_detection import (
     FAMILIES,
     FEWEST_CORNERS,
-    _agreeing,
-    _beside,
-    _best_layout,
-    _smallest,
+    best_layout,
+    corners_beside,
     find_board,
+    markers_agreeing,
+    smallest_dictionary,
 )
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.chosen import few
@@ -138,8 +138,8 @@ def test_the_dictionary_of_a_board_that_nobody_named_is_the_smallest_that_has_it
     markers: int, dictionary: str
 ) -> None:
     (family,) = (names for names in FAMILIES if "DICT_4X4_50" in names)
-    assert _smallest(family, markers, "") == [f"DICT_{dictionary}"]
-    assert _smallest(family, 1001, "") == []
+    assert smallest_dictionary(family, markers, "") == [f"DICT_{dictionary}"]
+    assert smallest_dictionary(family, 1001, "") == []
 
 
 @pytest.mark.parametrize("legacy", few([True, False], 1))
@@ -185,9 +185,9 @@ def test_the_smallest_layout_that_numbers_the_markers_in_view_is_found_as_by_try
     middles[2] += 60.0  # of 20 or more one is misread
     named = Board(9, 6, 16.0, "charuco")
     every = [(c, r, old) for c in range(3, 14) for r in range(3, 14) for old in (False, True)]
-    agreeing = [_agreeing(ids, middles, *one) for one in every]
+    agreeing = [markers_agreeing(ids, middles, *one) for one in every]
     assert max(agreeing) == len(ids) - 1
-    assert _best_layout(ids, middles, named) == every[int(np.argmax(agreeing))]
+    assert best_layout(ids, middles, named) == every[int(np.argmax(agreeing))]
 
 
 @pytest.mark.parametrize("seed", [0, 4, 6])
@@ -225,15 +225,15 @@ def test_markers_in_view_agree_with_the_layout_that_numbers_them_and_no_other(
     printed = Board(columns, rows, 1.0, "charuco", legacy=legacy).charuco()
     middles = np.array([np.asarray(corners)[:, :2].mean(axis=0) for corners in printed.getObjPoints()])
     ids, middles = np.arange(len(middles)), middles @ [[7.0, 2.0], [-2.0, 7.0]] + 100.0
-    assert _agreeing(ids, middles, columns, rows, legacy) == len(ids)
-    assert _agreeing(ids[2:7], middles[2:7], columns, rows, legacy) == 5
+    assert markers_agreeing(ids, middles, columns, rows, legacy) == len(ids)
+    assert markers_agreeing(ids[2:7], middles[2:7], columns, rows, legacy) == 5
     misread = np.concatenate([ids[:-3], ids[-2:], ids[-3:-2]])
-    assert _agreeing(misread, middles, columns, rows, legacy) == len(ids) - 3
-    assert _agreeing(ids, middles * [-1.0, 1.0], columns, rows, legacy) == 0
-    assert _agreeing(ids, middles, columns, rows - 1, legacy) == 0  # of more markers than the board has
-    assert _agreeing(np.append(ids, ids[0]), np.vstack([middles, middles[:1]]), columns, rows, legacy) == 0
-    assert _agreeing(ids, middles, columns + 1, rows, legacy) < len(ids)
-    assert (_agreeing(ids, middles, columns, rows, not legacy) == len(ids)) is (rows % 2 == 0)
+    assert markers_agreeing(misread, middles, columns, rows, legacy) == len(ids) - 3
+    assert markers_agreeing(ids, middles * [-1.0, 1.0], columns, rows, legacy) == 0
+    assert markers_agreeing(ids, middles, columns, rows - 1, legacy) == 0  # of more markers than the board has
+    assert markers_agreeing(np.append(ids, ids[0]), np.vstack([middles, middles[:1]]), columns, rows, legacy) == 0
+    assert markers_agreeing(ids, middles, columns + 1, rows, legacy) < len(ids)
+    assert (markers_agreeing(ids, middles, columns, rows, not legacy) == len(ids)) is (rows % 2 == 0)
 
 
 def test_eight_corners_of_a_charuco_board_are_enough_and_four_are_not() -> None:
@@ -260,12 +260,13 @@ def test_corners_are_sought_beside_markers_whatever_their_size_and_though_some_a
     rng = np.random.default_rng(2)
     markers, middles = np.arange(len(middles_mm)), seen(middles_mm) + rng.uniform(-0.3, 0.3, middles_mm.shape)
     middles[[4, 20]] += [9.0, -7.0]
-    ids, corners = _beside(np.append(markers, 40), np.vstack([middles, [[5.0, 5.0]]]), board)  # 40 is not on the board
+    stray = np.append(markers, 40), np.vstack([middles, [[5.0, 5.0]]])  # 40 is not on the board
+    ids, corners = corners_beside(*stray, board)
     assert list(ids) == list(range(54))
     assert np.linalg.norm(corners - seen(board.points_mm()[:, :2]), axis=1).max() < 1.5
-    few, _ = _beside(markers[[0, 9, 10, 1]], middles[[0, 9, 10, 1]], board)
+    few, _ = corners_beside(markers[[0, 9, 10, 1]], middles[[0, 9, 10, 1]], board)
     assert 4 < len(few) < 16
-    assert len(_beside(markers[:5], middles[:5], board)[0]) == 0, "markers in one row place nothing across it"
+    assert len(corners_beside(markers[:5], middles[:5], board)[0]) == 0, "markers in one row place nothing across it"
 
 
 def test_a_corner_that_glare_covers_is_left_out_and_the_others_stay() -> None:

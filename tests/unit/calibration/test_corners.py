@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.corners import NEIGHBOURS, _mappings
+from daemon.calibration.corners import NEIGHBOURS, local_mappings
 
 
 def bent(squares: Array) -> Array:
@@ -25,7 +25,7 @@ def test_a_corner_is_mapped_by_its_neighbours_where_a_lens_bends_the_whole() -> 
     seen = bent(squares)
     off_px = [
         float(np.linalg.norm(mapped(one, at) - px))
-        for one, at, px in zip(_mappings(seen, squares), squares, seen, strict=True)
+        for one, at, px in zip(local_mappings(seen, squares), squares, seen, strict=True)
     ]
     assert max(off_px) < 0.5
 
@@ -43,6 +43,6 @@ def test_a_corner_whose_neighbours_lie_in_one_row_but_for_one_is_mapped_by_all_t
     across = squares + np.array([0.0, 3.0])
     off_px = [
         float(np.linalg.norm(mapped(one, at) - true(at)))
-        for one, at in zip(_mappings(seen, squares), across, strict=True)
+        for one, at in zip(local_mappings(seen, squares), across, strict=True)
     ]
     assert max(off_px) < 1.0

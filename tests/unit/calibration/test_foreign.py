@@ -17,7 +17,7 @@ from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
 from daemon.calibration.foreign import InterchangeError, read_foreign
 from daemon.calibration.interchange import to_opencv, to_ros
-from daemon.calibration.lens_refit import LensError, _rays, refitted
+from daemon.calibration.lens_refit import LensError, rays_in_view, refitted
 from daemon.vision.geometry import StereoRig
 from tests.fakes.rigs import unlike_rig
 from tests.unit.calibration.test_interchange import assert_same, rig_in
@@ -360,7 +360,7 @@ def test_a_wide_lens_is_judged_as_far_as_the_corners_of_its_image() -> None:
 
 def test_a_lens_is_judged_by_rays_up_to_its_fold_and_none_beyond() -> None:
     """r - r**3 / 2 is largest at the root of 2/3, which is nearer than this image's corners."""
-    rays = np.linalg.norm(_rays(MATRIX, np.array([-0.5, 0, 0, 0, 0]), SIZE, False), axis=1)
+    rays = np.linalg.norm(rays_in_view(MATRIX, np.array([-0.5, 0, 0, 0, 0]), SIZE, False), axis=1)
     assert rays.max() == pytest.approx(np.sqrt(2 / 3), abs=0.02)
     assert rays.min() < 0.01
 

@@ -31,10 +31,10 @@ from daemon.calibration.session import (
     SPREAD_LIMIT_MM,
     BoardView,
     SessionError,
-    _board_in_gripper,
-    _plan,
     best_further_view,
     board_at_rest,
+    board_in_gripper,
+    plan_tour,
     sample_of,
     solve_camera,
     solve_hand_eye,
@@ -158,7 +158,7 @@ def shown_by_hand(monkeypatch: pytest.MonkeyPatch, looks: Iterable[BoardView | E
             raise look
         return look
 
-    monkeypatch.setattr(session, "_see", see)
+    monkeypatch.setattr(session, "see_board", see)
     kept: list[Any] = asyncio.run(session.show_by_hand(session_of(), said))
     return kept, "\n".join(call.args[0] for call in said.await_args_list)
 
@@ -238,7 +238,7 @@ def toured(monkeypatch: pytest.MonkeyPatch, poses: int, out_of_reach: int, unsee
             raise BoardError("blurred")
         return first if name == "pose 0" else others[int(name.removeprefix("pose ")) - 1]
 
-    monkeypatch.setattr(session, "_see", see)
+    monkeypatch.setattr(session, "see_board", see)
     one = session_of(travel=travel)
     one.supervisor.mover.here = "there"
     return asyncio.run(view_tour(one, poses, said, 40.0)), sent, "\n".join(c.args[0] for c in said.await_args_list)
@@ -288,7 +288,7 @@ def planned(count: int, allowed: Callable[[Array], bool], mounting_alone: bool) 
     reach = SimpleNamespace(allows=allowed)
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
     session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, held=False)
-    return _plan(session, reach, views_of_the_board(1)[0], count, mounting_alone)
+    return plan_tour(session, reach, views_of_the_board(1)[0], count, mounting_alone)
 
 
 @pytest.mark.parametrize("mounting_alone", [False, True])
@@ -328,7 +328,7 @@ def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view
     session: Any = SimpleNamespace(calibration=FIXED, board=BOARD, supervisor=supervisor, held=True)
     first = held_view(GRIPPER_DOWN)
     np.testing.assert_allclose(board_at_rest(first, BOARD, FIXED), HELD, atol=0.05)
-    poses = _plan(session, supervisor.mover.reach, first, 16, mounting_alone)
+    poses = plan_tour(session, supervisor.mover.reach, first, 16, mounting_alone)
     assert diversity_deg(poses) > LEAST_TURN_DEG
     middles = [frames.apply(frames.inverse(OVER) @ pose @ HELD, BOARD.points_mm().mean(axis=0)) for pose in poses]
     assert np.ptp([z for _, _, z in middles]) > 80.0
@@ -354,7 +354,7 @@ def test_of_a_few_poses_that_differ_little_the_further_view_that_helps_most_is_t
 
 
 def test_the_guard_knows_the_board_in_the_gripper_with_its_rim() -> None:
-    load = _board_in_gripper(SimpleNamespace(calibration=FIXED, board=BOARD), held_view(GRIPPER_DOWN))  # type: ignore[arg-type]
+    load = board_in_gripper(SimpleNamespace(calibration=FIXED, board=BOARD), held_view(GRIPPER_DOWN))  # type: ignore[arg-type]
     around = load[-1]
     axis = np.array([around.from_mm, around.to_mm])
     for corner in frames.apply(HELD, BOARD.points_mm()):
@@ -403,7 +403,7 @@ def test_the_board_is_sought_in_the_pictures_of_the_cameras_in_use_and_both_are_
     supervisor = SimpleNamespace(mover=SimpleNamespace(cell=cell))
     one: Any = SimpleNamespace(supervisor=supervisor, settling=None, board=BOARD)
     there: Any = SimpleNamespace(world_from_tool=np.eye(4))
-    view = asyncio.run(session._see(one, there, "pose 3"))
+    view = asyncio.run(session.see_board(one, there, "pose 3"))
     assert view.pair.left.corner_ids is ids["left's"]
     assert (view.pair.right is None) is (alone is not None)
     assert (view.pair.name, logged[0]["purpose"]) == ("pose 3", "calibrate pose 3")
@@ -413,4 +413,4 @@ def test_the_board_is_sought_in_the_pictures_of_the_cameras_in_use_and_both_are_
     if alone is None:
         assert view.pair.right.corner_ids is ids["right's"]
         with pytest.raises(BoardError, match="share 7 of its corners"):  # the tour goes on without it
-            asyncio.run(session._see(one, there, "pose 4"))
+            asyncio.run(session.see_board(one, there, "pose 4"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.camera.jpeg import JpegError, check_whole
-from drivers.camera.pixels import DamagedFrameError, Layout, _unpadded, read_grey
+from drivers.camera.pixels import DamagedFrameError, Layout, read_grey, without_padding
 
 SIZE = (160, 120)
 LAYOUT = Layout("MJPEG", *SIZE, 0)
@@ -82,7 +82,7 @@ def test_padding_before_the_end_mark_is_no_damage_and_fills_no_journal(
 
 def test_a_picture_whose_last_byte_is_a_stuffed_one_keeps_it() -> None:
     scan = b"\xff\xd8...\xff\x00"
-    assert _unpadded(scan + b"\xff\xd9") == _unpadded(scan + b"\x00\x00\xff\xd9") == scan + b"\xff\xd9"
+    assert without_padding(scan + b"\xff\xd9") == without_padding(scan + b"\x00\x00\xff\xd9") == scan + b"\xff\xd9"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from daemon import config as configs
 from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
 from daemon.cell.identified_arm import arm_file, arm_of, page
-from daemon.cell.identify import StoppedByPersonError, _Line, read_transcript, replay
+from daemon.cell.identify import ContactLine, StoppedByPersonError, read_transcript, replay
 from daemon.store import folders
 from daemon.store.yamlfile import ConfigError
 from drivers.puma560 import ArmGeometry, forward
@@ -545,7 +545,7 @@ def test_a_stop_is_typed_also_on_a_port_that_somebody_changed_just_then() -> Non
 
         def close(self) -> None: ...
 
-    line = _Line("port", lambda *_: Changed(), lambda: 0.0, lambda _: None)  # type: ignore[arg-type, return-value]
+    line = ContactLine("port", lambda *_: Changed(), lambda: 0.0, lambda _: None)  # type: ignore[arg-type, return-value]
     line.open(9600)
     line.send_stop(b"ABORT\r")
     assert written == [b"ABORT\r"] * 2

@@ -14,7 +14,7 @@ import pytest
 from daemon import ctl
 from daemon.cell.identify import Consult, ContactFindings, Person
 from daemon.cli import arm
-from daemon.cli.arm import _ask
+from daemon.cli.arm import ask_person
 from daemon.store import folders
 
 TRANSCRIPT = folders.HOUSE / "tests" / "data" / "introductions" / "two-dots-whole-words.jsonl"
@@ -73,7 +73,7 @@ def test_a_yes_or_no_is_asked_until_it_is_one_and_the_controllers_question_is_an
     os.close(writing)
     with open(reading, buffering=1) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
-        asking = _ask(Consult(about, "May I?"), asyncio.Event())  # type: ignore[arg-type]
+        asking = ask_person(Consult(about, "May I?"), asyncio.Event())  # type: ignore[arg-type]
         assert asyncio.run(asking) == answered
     assert ("`maybe` is not an answer" in capsys.readouterr().out) is ("maybe" in typed)
 
@@ -89,7 +89,7 @@ def test_a_stop_that_a_question_of_a_first_contact_comes_amid_or_behind_is_heard
         wants_stop = asyncio.Event()
         os.write(master, begun)
         asyncio.get_running_loop().call_later(0.1, os.write, master, ended)
-        await asyncio.wait_for(_ask(Consult("move", "May I?"), wants_stop), 10.0)  # type: ignore[arg-type]
+        await asyncio.wait_for(ask_person(Consult("move", "May I?"), wants_stop), 10.0)  # type: ignore[arg-type]
         return wants_stop.is_set()
 
     with open(slave, encoding="utf-8") as stdin:

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli.commission import FILE, _read_proofs, _write_proofs, commission, run
+from daemon.cli.commission import FILE, commission, read_proofs, run, write_proofs
 from daemon.cli.commission_steps import (
     STEPS,
     CommissioningDialogue,
     CommissioningPlan,
     CommissioningSession,
     NotProvenError,
-    _survey,
-    _zero,
+    calibrate_zero,
+    go_to_survey,
 )
 from daemon.commands.controller_terminal import CAL
 from daemon.store.outside import FileError
@@ -257,10 +257,10 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
         link, CommissioningDialogue(asked.append, answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
     )
     if meanwhile == "nothing":
-        _zero(talk)
+        calibrate_zero(talk)
     else:
         with pytest.raises(NotProvenError, match="stopped by bob" if meanwhile == "a stop" else "is paused"):
-            _zero(talk)
+            calibrate_zero(talk)
     assert ("resume" in link.said) is (meanwhile == "nothing")
 
 
@@ -295,18 +295,18 @@ def test_a_stop_right_behind_what_told_that_the_arm_has_no_zero_is_asked_about()
         link, CommissioningDialogue(lambda _: None, lambda question: "n"), CommissioningPlan("9x6", 16.0, 4.0, "cube")
     )
     with pytest.raises(NotProvenError, match="stopped by bob"):
-        _survey(talk)
+        go_to_survey(talk)
     assert link.said == ["enable"]
 
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:
     _, _, proofs = sitting(ToldLink())
-    _write_proofs(tmp_path / FILE, proofs)
-    assert _read_proofs(tmp_path / FILE) == proofs
-    assert _read_proofs(tmp_path / "none.json") == {}
+    write_proofs(tmp_path / FILE, proofs)
+    assert read_proofs(tmp_path / FILE) == proofs
+    assert read_proofs(tmp_path / "none.json") == {}
     for damaged in (json.dumps({"version": 1, "steps": {"arm": 3}}).encode(), b'{"steps\xff": 1}', b'{"a":' * 5000):
         (tmp_path / FILE).write_bytes(damaged)
         with pytest.raises(FileError, match="move it away"):
-            _read_proofs(tmp_path / FILE)
+            read_proofs(tmp_path / FILE)
     assert run(ToldLink(), ["--keep", str(tmp_path)]) == 2
     assert capsys.readouterr().out.count("\n") == 1

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.teaching import _facets_shown, _taught
+from daemon.commands.teaching import facets_shown, taught_line
 from daemon.vision.values import Facet
 
 
@@ -26,7 +26,7 @@ def facet(x: float) -> Facet:
 )  # fmt: skip
 def test_a_side_that_meets_no_other_comes_with_what_to_do(count: int, begins: str, ends: str) -> None:
     apart = [facet(100.0 * (k + 1)) for k in range(count)]
-    told = _facets_shown("bracket", [facet(0.0), facet(40.0)], [0, None], (apart, []), 80).splitlines()
+    told = facets_shown("bracket", [facet(0.0), facet(40.0)], [0, None], (apart, []), 80).splitlines()
     assert told[-2] == "side 1 ?: square 40 40 40 40 mm"
     assert told[-1].startswith(begins)
     assert told[-1].endswith(ends)
@@ -34,11 +34,11 @@ def test_a_side_that_meets_no_other_comes_with_what_to_do(count: int, begins: st
 
 def test_what_lies_elsewhere_is_something_elses_and_a_view_without_either_says_neither() -> None:
     shown = [facet(0.0), facet(40.0)]
-    told = _facets_shown("bracket", shown, [0, 1], ([], [facet(400.0)]), 80).splitlines()
+    told = facets_shown("bracket", shown, [0, 1], ([], [facet(400.0)]), 80).splitlines()
     assert told[-1] == "and 1 facet of another object"
-    assert _facets_shown("bracket", shown, [0, 1], ([], []), 80).splitlines()[-1] == "side 1 2: square 40 40 40 40 mm"
+    assert facets_shown("bracket", shown, [0, 1], ([], []), 80).splitlines()[-1] == "side 1 2: square 40 40 40 40 mm"
 
 
 @pytest.mark.parametrize("note", [{"mesh": "cube.stl"}, {"around": {}}, {"mesh": "cube.stl", "facets": []}])
 def test_a_view_whose_note_says_nothing_of_its_facets_is_listed(note: dict[str, Any]) -> None:
-    assert "0 facets" in _taught(note)
+    assert "0 facets" in taught_line(note)

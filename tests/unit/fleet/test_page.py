@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.fleet.layout import add_rows, rows_of
-from daemon.fleet.page import STATES, _by_cause, _worse, fleet_data, write_fleet_page
+from daemon.fleet.page import STATES, faults_by_cause, fleet_data, is_worse, write_fleet_page
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.fleet.views import opened
 from daemon.review.digest import Digest, digest
@@ -131,10 +131,10 @@ def test_set_downs_are_counted_by_what_the_look_after_them_found(tmp_path: Path)
 
 
 def test_less_than_others_by_chance_is_nothing_needs_attention() -> None:
-    assert not _worse([95, 100], [970, 1000])
-    assert _worse([80, 100], [970, 1000])
-    assert not _worse([99_000, 100_000], [991_000, 1_000_000])
-    assert not _worse([0, 0], [10, 10])
+    assert not is_worse([95, 100], [970, 1000])
+    assert is_worse([80, 100], [970, 1000])
+    assert not is_worse([99_000, 100_000], [991_000, 1_000_000])
+    assert not is_worse([0, 0], [10, 10])
 
 
 def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code() -> None:
@@ -144,7 +144,7 @@ def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code()
         ("stopped by ann", "stopped by ann", 1), ("operator_stop", "whatever", 1),
     ]  # fmt: skip
     faults = [{"code": code, "text": text, "count": count} for code, text, count in said]
-    assert _by_cause(faults) == {"arm_lost": 3, "hand-eye calibration off": 2, "controller silent": 2}
+    assert faults_by_cause(faults) == {"arm_lost": 3, "hand-eye calibration off": 2, "controller silent": 2}
 
 
 def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from unittest.mock import patch
 
 import pytest
 
-from daemon.fleet.layout import _utc
+from daemon.fleet.layout import utc_time
 from daemon.fleet.soundness import damages
 from daemon.fleet.store import StoreError, manifest_name, open_store
 from daemon.review.brief import read_brief
@@ -45,7 +45,7 @@ def test_a_last_entry_without_its_end_is_what_a_killed_daemon_leaves(tmp_path: P
 def test_a_small_z_is_a_zone_as_well() -> None:
     """RFC 3339 lets it be; a run that had it ended the table of all cells."""
     for zone in "zZ":
-        assert _utc(f"2026-11-22T21:54:02.752{zone}") == datetime(2026, 11, 22, 21, 54, 2, 752000)
+        assert utc_time(f"2026-11-22T21:54:02.752{zone}") == datetime(2026, 11, 22, 21, 54, 2, 752000)
 
 
 @pytest.mark.timeout(60)

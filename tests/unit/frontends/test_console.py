@@ -151,7 +151,7 @@ def test_control_c_where_lines_wait_stops_the_arm_before_it_tells_of_them(monkey
         return ""
 
     monkeypatch.setattr(console, "InputLines", lambda *_: Pressed())
-    assert console._piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
+    assert console.send_piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
     assert done == ["stopped", "told"]
 
 
@@ -452,8 +452,8 @@ def test_keys_that_another_reads_one_by_one_or_in_front_of_us_are_left_to_it(mon
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         seen: list[bool] = []
-        may_read = keyboard._may_read_lines
-        monkeypatch.setattr(keyboard, "_may_read_lines", lambda handle: seen.append(may_read(handle)) or seen[-1])
+        may_read = keyboard.may_read_lines
+        monkeypatch.setattr(keyboard, "may_read_lines", lambda handle: seen.append(may_read(handle)) or seen[-1])
         with InputLines(nobody_stops, print), monkeypatch.context() as shell:
             shell.setattr(keyboard.os, "tcgetpgrp", lambda _: -1)
             os.write(master, b"stop\n")
@@ -471,7 +471,7 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
     """Control-] at the controller's terminal: its key was gone and the terminal gave lines again before it was seen
     whose it was, and facetctl did not end."""
     master, slave = pty.openpty()
-    real, taken = keyboard._may_read_lines, threading.Event()
+    real, taken = keyboard.may_read_lines, threading.Event()
 
     def gives_lines(handle: int) -> bool:
         if not taken.is_set():
@@ -481,7 +481,7 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
 
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        monkeypatch.setattr(keyboard, "_may_read_lines", gives_lines)
+        monkeypatch.setattr(keyboard, "may_read_lines", gives_lines)
         lines = InputLines(nobody_stops, print)
         os.write(master, b"]\n")
         assert taken.wait(PATIENCE_S)

@@ -226,17 +226,17 @@ def test_a_part_goes_to_a_place_where_nothing_shows_and_not_where_it_lies_alread
                             places=SimpleNamespace(of=lambda _: [goal.place]))  # fmt: skip
     context = SimpleNamespace(placing=table, order=SimpleNamespace(place=lambda _: None))
     world = SimpleNamespace(found=[part, *others])
-    found = find._destination(context, world, part)
+    found = find.destination_of(context, world, part)
     assert found == told if told else list(found.goals) == [goal]
     table.free = lambda *_: []
-    assert find._destination(context, world, part) == "none of its places is free"
+    assert find.destination_of(context, world, part) == "none of its places is free"
     table.unusable = {"nest": "no part is taught"}
-    assert find._destination(context, world, part) == "none of its places is free; no part is taught"
+    assert find.destination_of(context, world, part) == "none of its places is free; no part is taught"
     context.order.place = lambda _: BIN
-    assert find._destination(context, world, part) is None
+    assert find.destination_of(context, world, part) is None
     context.order.place = lambda _: None
     table.has = lambda _: False
-    assert find._destination(context, world, part) is None
+    assert find.destination_of(context, world, part) is None
 
 
 def test_what_is_found_is_told_by_name_in_order_and_what_has_none_last():

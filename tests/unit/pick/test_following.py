@@ -280,7 +280,7 @@ def test_the_least_error_at_the_grasp_is_that_of_calibration_and_arm_alone_and_g
 def test_one_camera_that_took_both_pictures_has_what_goes_with_it_in_one_place_in_both() -> None:
     seen, mount = look_back(1, True)
     for who, cameras in ((None, (seen.rig.left, seen.rig.right)), ("right", (mount.rig.left, mount.rig.left))):
-        views = following._cameras_on_the_gripper(seen, replace(mount, alone=who)).views
+        views = following.cameras_on_the_gripper(seen, replace(mount, alone=who)).views
         for view, camera in zip(views, cameras, strict=True):
             np.testing.assert_array_equal(view.rectified.camera.cyclopean_from_camera, camera.cyclopean_from_camera)
 

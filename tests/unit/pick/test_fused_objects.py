@@ -12,7 +12,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import fused_objects
-from daemon.pick.fused_objects import ONE_MM, _untaught, known, outlines_of, telling
+from daemon.pick.fused_objects import ONE_MM, known, outlines_of, telling, untaught_facets
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
@@ -131,9 +131,9 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
         tried += 1
         return on_face_once(*about)
 
-    fuse_once, on_face_once = fused_objects.fuse, fused_objects._on_face
+    fuse_once, on_face_once = fused_objects.fuse, fused_objects.share_on_face
     monkeypatch.setattr(fused_objects, "fuse", fuse)
-    monkeypatch.setattr(fused_objects, "_on_face", on_face)
+    monkeypatch.setattr(fused_objects, "share_on_face", on_face)
     for count in (5, 40):
         known(odd_looks[:count], recogniser, Doubt())
     assert fused == [fused_objects.MOST_FUSED] * 2
@@ -182,10 +182,10 @@ def test_of_two_named_parts_with_a_facet_in_common_the_larger_stays_where_they_h
     monkeypatch.setattr(fused_objects, "_shares", lambda _, part, __: shares[id(part)])
     fused: Any = SimpleNamespace(polyhedron=seen)
     for parts in ([larger, less], [less, larger]):
-        kept = fused_objects._in_own_places(fused, parts, None)  # type: ignore[arg-type]
+        kept = fused_objects.in_own_places(fused, parts, None)  # type: ignore[arg-type]
         assert kept == [[larger, less][k] for k in stay]
     shares[id(less)] = np.array([0.0, 0.0, 1.0])
-    assert fused_objects._in_own_places(fused, [larger, less], None) == [larger, less]  # type: ignore[arg-type]
+    assert fused_objects.in_own_places(fused, [larger, less], None) == [larger, less]  # type: ignore[arg-type]
 
 
 def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
@@ -249,15 +249,15 @@ def test_only_what_bends_away_beyond_an_open_edge_is_a_side_never_taught(rises_m
     over = np.array([[40.0 if rises_mm else 80.0, y, rises_mm] for y in (0.0, 40.0)])
     known_side = exact(top, [(0, 1, 2, 3)])
     both = exact(np.vstack([top, over]), [(0, 1, 2, 3), (1, 4, 5, 2)])
-    assert len(_untaught(both, {0}, known_side, np.eye(4))) == sides
+    assert len(untaught_facets(both, {0}, known_side, np.eye(4))) == sides
     elsewhere = exact(top - np.array([20.0, 0, 0]), [(0, 1, 2, 3)])
-    assert not _untaught(both, {0}, elsewhere, np.eye(4))
+    assert not untaught_facets(both, {0}, elsewhere, np.eye(4))
 
 
 def test_named_parts_of_looks_without_a_facet_in_common_are_none(recogniser: ModelRecogniser) -> None:
     none = np.zeros((0, 0))
     nothing = FusedLooks((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
-    assert fused_objects._in_own_places(nothing, [], recogniser) == []
+    assert fused_objects.in_own_places(nothing, [], recogniser) == []
 
 
 @pytest.mark.parametrize(("rises_mm", "pieces"), [(-30.0, [[0, 1]]), (30.0, [[0], [1]])], ids=["ridge", "hollow"])
@@ -265,4 +265,4 @@ def test_facets_that_meet_in_a_hollow_edge_are_also_tried_as_two_things(rises_mm
     top = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
     over = np.array([[40.0, y, rises_mm] for y in (0.0, 40.0)])
     both = exact(np.vstack([top, over]), [(0, 1, 2, 3), (1, 4, 5, 2)])
-    assert fused_objects._convex(both, [0, 1]) == pieces
+    assert fused_objects.convex_groups(both, [0, 1]) == pieces

@@ -103,7 +103,7 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     async def compute(function: Any, *arguments: object) -> object:
         return function(*arguments)
 
-    monkeypatch.setattr(find, "_open_bits", lambda *_: 1.5)
+    monkeypatch.setattr(find, "open_bits", lambda *_: 1.5)
     monkeypatch.setattr(find, "in_words", lambda _: "what it was taken for")
     monkeypatch.setattr(find, "_thought_of", lambda *_: ("what it may be", 0.7))
     gained: list[InformationGain] = []
@@ -112,7 +112,7 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     cell = SimpleNamespace(compute=compute, rig=None)
     context: Any = SimpleNamespace(cell=cell, recogniser=None, settings=settings)
     gain: Any = SimpleNamespace(bits=0.9, seconds=4.0)
-    lived(find._tell_gain(context, world, lies("", 100.0), [], gain))
+    lived(find.tell_gain(context, world, lies("", 100.0), [], gain))
     about = "what lies at 100, 200 mm"
     assert gained == [InformationGain(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
 

@@ -145,10 +145,10 @@ def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_c
     monkeypatch.setattr(looks, "misleading", lambda health: [one for one in health if not one.good])
     one = SimpleNamespace(before=pictures, images=images, rig=rig())
     if again:
-        assert [finding.good for finding in looks._health(one)] == [True]
+        assert [finding.good for finding in looks.pair_health(one)] == [True]
     else:
         with pytest.raises(MisleadingImagesError, match="left"):
-            looks._health(one)
+            looks.pair_health(one)
     assert (held_against[0] is None) is again
 
 

@@ -276,5 +276,5 @@ def test_where_nothing_explains_all_facets_the_largest_that_is_explained_counts_
 
 def test_how_much_is_open_of_a_part_is_what_its_likely_poses_leave_undecided() -> None:
     """Two that are as likely as each other are one bit, and one alone nothing."""
-    assert find._open_bits(TWINS[:2], rig()) == pytest.approx(1.0, abs=1e-6)
-    assert find._open_bits(TWINS[:1], rig()) == pytest.approx(0.0, abs=1e-6)
+    assert find.open_bits(TWINS[:2], rig()) == pytest.approx(1.0, abs=1e-6)
+    assert find.open_bits(TWINS[:1], rig()) == pytest.approx(0.0, abs=1e-6)

@@ -25,7 +25,7 @@ from daemon.pick.place_goals import (
     ways_to,
 )
 from daemon.pick.pose_fusion import Estimate
-from daemon.pick.set_down import _lies
+from daemon.pick.set_down import combined_pose
 from daemon.pick.settings import Settings
 from daemon.store.library import load_facets
 from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Place, PlaceSettings, SolidBox
@@ -145,7 +145,7 @@ def test_a_turn_that_no_look_can_say_and_no_place_asks_for_leaves_no_doubt(flat_
     about = goal.poses[0][:3, :3] @ [0.0, 0.0, 1.0]
     covariance = np.diag([0.01**2] * 3 + [0.0005**2] * 3)
     covariance[3:, 3:] += 0.06**2 * np.outer(about, about)
-    finding = _lies(goal, Estimate(goal.poses[0], covariance, covariance))
+    finding = combined_pose(goal, Estimate(goal.poses[0], covariance, covariance))
     assert finding.status is PlaceStatus.RIGHT
     assert finding.sure is sure
 

@@ -92,7 +92,7 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
 def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch, reached, found):
     monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
     destination = planning.Destination(goals=range(5))
-    way = planning._way_to(destination, np.eye(4), Settings(), ON_HAND, everywhere)
+    way = planning.first_way(destination, np.eye(4), Settings(), ON_HAND, everywhere)
     assert way == (f"to {reached}" if found else None)
 
 

@@ -211,8 +211,8 @@ def test_a_suction_cup_turns_nothing_over():
 
 
 def test_what_hangs_on_part_and_gripper_alone_is_worked_out_once(monkeypatch):
-    made, work = [], regrasp._grasp_table
-    monkeypatch.setattr(regrasp, "_grasp_table", lambda *given: made.append(given) or work(*given))
+    made, work = [], regrasp.work_out_grasps
+    monkeypatch.setattr(regrasp, "work_out_grasps", lambda *given: made.append(given) or work(*given))
     regrasp._TABLES.clear()
     gripper = SETTINGS.gripper.turning
     first = grasp_table(shape_of("cube"), gripper, 1.0)
@@ -222,7 +222,7 @@ def test_what_hangs_on_part_and_gripper_alone_is_worked_out_once(monkeypatch):
     assert grasp_table(shape_of("cube"), SETTINGS.gripper, 1.0) is not first
     assert len(made) == 3
     for number in range(regrasp.MOST_TABLES + 3):
-        monkeypatch.setattr(regrasp, "_grasp_table", lambda *_: first)
+        monkeypatch.setattr(regrasp, "work_out_grasps", lambda *_: first)
         grasp_table(shape_of("cube"), gripper, 2.0 + number)
     assert len(regrasp._TABLES) == regrasp.MOST_TABLES
     regrasp._TABLES.clear()

@@ -450,7 +450,7 @@ def test_round_a_place_the_arm_goes_to_the_first_that_is_not_refused_and_says_wh
     cell = SimpleNamespace(mounting=None, compute=three)
     context = SimpleNamespace(cell=cell, settings=Settings(), mover=SimpleNamespace(reach=None))
     with contextlib.nullcontext() if told is None else pytest.raises(MoveRefusedError, match=told):
-        asyncio.run(set_down._go_round(cast(Any, context), cast(Any, None), np.zeros(3), "tray", []))
+        asyncio.run(set_down.go_round(cast(Any, context), cast(Any, None), np.zeros(3), "tray", []))
     assert tried == [0, 1, 2]
 
 
@@ -489,7 +489,7 @@ def test_what_looks_say_of_a_place_is_sure_where_their_error_would_not_change_it
     middle = frames.apply(lying, A_GOAL.shape.corners_mm).mean(axis=0)
     lying[:3, 3] += A_GOAL.centre - middle + [off_mm * np.cos(way), off_mm * np.sin(way), height_mm]
     sigmas = [sigma_mm, sigma_mm, height_sigma_mm, *np.radians([sigma_deg] * 3)]
-    found = set_down._lies(A_GOAL, Estimate(lying, np.diag(np.square(sigmas)), np.diag(np.square(sigmas))))
+    found = set_down.combined_pose(A_GOAL, Estimate(lying, np.diag(np.square(sigmas)), np.diag(np.square(sigmas))))
     assert found.off == pytest.approx((off_mm, abs(off_deg), height_mm), abs=1e-6)
     most_height_mm = max(TOLERANCE_MM, 3.0 * height_sigma_mm)
     errs_mm, errs_deg = sigma_mm * np.sqrt(2.0), sigma_deg * np.sqrt(3.0)

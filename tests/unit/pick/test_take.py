@@ -141,12 +141,12 @@ def test_a_part_that_has_a_place_goes_there_where_it_is_measured_and_the_table_i
 
     decided = []
     monkeypatch.setattr(take, "measure", measure)
-    monkeypatch.setattr(take, "_barred", lambda *_: barred)
+    monkeypatch.setattr(take, "is_barred", lambda *_: barred)
     context = SimpleNamespace(decide=lambda text, why, code, **_: decided.append((text, code)))
     goal = SimpleNamespace(between=between, description="the place")
     target = SimpleNamespace(label="cube", way=SimpleNamespace(goal=goal), held=None)
     seen = SimpleNamespace(taken=None)
-    assert asyncio.run(take._where_to(context, target, seen, "it shows")) is event
+    assert asyncio.run(take.where_to(context, target, seen, "it shows")) is event
     (decision,) = decided
     assert decision[1] is code
     assert ("the place" in decision[0]) is (event is PickEvent.MEASURED)
@@ -157,7 +157,7 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.VERIFY, context, world)
-    for denial in ("still_there", "_knocked_away", "came_back_empty"):
+    for denial in ("still_there", "knocked_away", "came_back_empty"):
         monkeypatch.setattr(take, denial, lambda *_: True)
     monkeypatch.setattr(take, "in_hand", lambda *_: True)
     assert step(context, world, PickState.VERIFY) is PickEvent.GONE
@@ -176,7 +176,7 @@ def test_what_lies_where_a_part_is_to_be_laid_down_bars_it_and_what_is_in_the_ha
     hand = frames.rigid(np.eye(3), middle + np.array([0.0, 0.0, hand_off_mm]))
     monkeypatch.setattr(take, "seen_parts", lambda _: [SimpleNamespace(centre=middle, corners=corners)])
     look = SimpleNamespace(reading=SimpleNamespace(world_from_tool=hand))
-    assert take._barred(SimpleNamespace(corners=corners), look) is barred
+    assert take.is_barred(SimpleNamespace(corners=corners), look) is barred
 
 
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
@@ -346,4 +346,4 @@ def test_a_part_was_knocked_away_where_its_like_lies_now_and_nothing_lay_before(
         return SimpleNamespace(label=name, centre=np.array([x_mm, 0.0, 0.0]))
 
     target, other = lies("cube", 0.0), lies("cube", 200.0)
-    assert take._knocked_away([target, other], target, [lies(label, lies_mm)]) is knocked
+    assert take.knocked_away([target, other], target, [lies(label, lies_mm)]) is knocked

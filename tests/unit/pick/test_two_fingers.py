@@ -202,7 +202,7 @@ def test_a_part_that_is_round_for_one_finger_is_held_by_a_round_or_flat_side_for
     strips = [ring for ring in rings if len(ring) == 4 and np.ptp(corners[list(ring)], axis=0)[:2].max() < 2.0]
     flat = [ring for ring in rings if ring not in strips]
     solid = exact(corners - [0.0, 0.0, 20.0], [*flat, *strips])
-    contact = two_fingers.contacts(two_fingers._sides(solid, len(flat)), np.array([0.0, 0.0, -1.0]), GRIPPER)
+    contact = two_fingers.contacts(two_fingers.sides_of(solid, len(flat)), np.array([0.0, 0.0, -1.0]), GRIPPER)
     assert (contact is not None) is held
     if contact is not None:
         assert contact.rounded is (opposite == "round")
@@ -328,10 +328,10 @@ def test_a_direction_is_off_two_normals_by_its_angle_to_the_nearest_between_them
     between = [a * one + (1.0 - a) * other for a in np.linspace(0.0, 1.0, 2001)]
     cosines = [float(direction @ v / np.linalg.norm(v)) for v in between if np.linalg.norm(v) > 1e-6]
     nearest = np.degrees(np.arccos(np.clip(max(cosines), -1.0, 1.0)))
-    found = two_fingers._off_cone_deg(direction, np.array([one, other]))
+    found = two_fingers.off_cone_deg(direction, np.array([one, other]))
     if np.linalg.norm(one + other) > 0.1:
         assert found == pytest.approx(nearest, abs=0.2)
-    alone = two_fingers._off_cone_deg(direction, np.array([one]))
+    alone = two_fingers.off_cone_deg(direction, np.array([one]))
     assert alone == pytest.approx(np.degrees(np.arccos(np.clip(direction @ one, -1.0, 1.0))))
 
 

@@ -84,18 +84,18 @@ def test_a_part_of_another_model_is_held_against_the_old_by_its_corners_not_by_i
 def test_without_corners_or_without_a_covariance_nothing_is_told_of_how_far_a_part_moved() -> None:
     then, far = part("cube"), beside(9.0)
     for bare in ({**far, "covariance": None}, {**far, "facets": []}):
-        assert replay._corners_moved(then, bare) is None
-        assert replay._corners_moved(bare, then) is None
+        assert replay.corners_moved(then, bare) is None
+        assert replay.corners_moved(bare, then) is None
     for bare in ({**far, "covariance": None}, {**far, "cyclopean_from_part": None}):
-        assert replay._moved(then, bare) is None
-        assert replay._moved(bare, then) is None
-    assert replay._corners_moved(then, far)
-    assert replay._moved(then, far)
+        assert replay.part_moved(then, bare) is None
+        assert replay.part_moved(bare, then) is None
+    assert replay.corners_moved(then, far)
+    assert replay.part_moved(then, far)
 
 
 def test_how_far_a_part_moved_is_told_in_its_place_and_in_its_turn() -> None:
     aside = [[0.0, -1.0, 0, 0.0], [1.0, 0, 0, 30.0], [0, 0, 1.0, 40.0], [0, 0, 0, 1.0]]
-    told = replay._moved(part("cube"), part("cube", cyclopean_from_part=aside))
+    told = replay.part_moved(part("cube"), part("cube", cyclopean_from_part=aside))
     assert str(told).startswith("moved by 50.00 mm and 90.00 degrees")
 
 
@@ -114,7 +114,7 @@ def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() 
     assert [match is None for _, match in two] == [False, True]
     bare = part("cube", facets=[])
     assert paired(scene(bare), scene(bare))[0][1] is None
-    assert replay._gap_mm(bare, near) == replay._gap_mm(near, bare) == np.inf, "what has no corners is nowhere near"
+    assert replay.gap_mm(bare, near) == replay.gap_mm(near, bare) == np.inf, "what has no corners is nowhere near"
 
 
 def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_name() -> None:

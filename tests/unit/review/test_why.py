@@ -29,7 +29,7 @@ from daemon.review.not_counted import picks_not_counted
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.production import production
-from daemon.review.why import PLANNED, _all_moves, _beyond, _text, causes, in_plain_words
+from daemon.review.why import PLANNED, all_seem_to_move, causes, in_plain_words, text_of, times_its_limit
 from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
 from daemon.store.yamlfile import kinds_of
@@ -567,7 +567,9 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
         {"kind": "decision", "seq": 10 + k, "label": label, "code": code} for k, (label, code) in enumerate(decisions)
     ]
     cycle: Any = SimpleNamespace(of=lambda kind: records)
-    blamed = [(cause.code.summary, cause.evidence.split(" seemed")[0], cause.at) for cause in _all_moves(cycle, ())]
+    blamed = [
+        (cause.code.summary, cause.evidence.split(" seemed")[0], cause.at) for cause in all_seem_to_move(cycle, ())
+    ]
     last = max((k for k, (_, code) in enumerate(decisions) if code == ELSEWHERE), default=0)
     assert blamed == ([] if named is None else [("hand-eye calibration off", named, 10 + last)])
 
@@ -627,8 +629,8 @@ def test_fingers_that_meet_a_part_no_more_than_ten_degrees_off_square_hold_it(
 
 def test_a_finding_is_told_by_its_advice_or_its_text_or_as_it_is() -> None:
     for finding in ({"advice": "clean it", "text": "dark"}, {"text": "clean it"}, {"advice": "clean it"}, "clean it"):
-        assert _text(finding) == "clean it"
-    assert _text({"px": 3}) == "{'px': 3}"
+        assert text_of(finding) == "clean it"
+    assert text_of({"px": 3}) == "{'px': 3}"
 
 
 def test_pictures_are_hardly_to_blame_for_a_part_that_was_seen_and_cannot_be_reached(made: MadeRun) -> None:
@@ -650,7 +652,7 @@ def test_pictures_are_hardly_to_blame_for_a_part_that_was_seen_and_cannot_be_rea
     [("focus left", 3.0, 2.0), ("focus left", 1.0, 1.0), ("darkness left", 60.0, 2.0), ("focus left", None, 1.0)],
 )
 def test_a_finding_goes_beyond_its_limit_or_counts_as_at_it(finding: str, value: float | None, times: float) -> None:
-    assert _beyond({finding.replace(" ", "_"): value}, finding) == times
+    assert times_its_limit({finding.replace(" ", "_"): value}, finding) == times
 
 
 @pytest.mark.parametrize(("rejected", "bare"), [(7, True), (8, False)])

@@ -105,7 +105,7 @@ async def no_events(*_: object) -> list[object]:
 
 
 def of_the_first_table(
-    command: str, events: Sequence[LineEvent], *about: Any, answer: Callable[..., Any] = conversation._answer
+    command: str, events: Sequence[LineEvent], *about: Any, answer: Callable[..., Any] = conversation.answer_from
 ) -> ControllerAnswer:
     """An answer in which the first table counts, as if nothing of before could come ahead of it."""
     tables = [event.where for event in events if isinstance(event, WhereTable)]
@@ -114,7 +114,7 @@ def of_the_first_table(
 
 TAKES_ANSWERS_IN_TURN: tuple[Guard, ...] = (
     (LineSession, "recover", no_events),
-    (conversation, "_answer", of_the_first_table),
+    (conversation, "answer_from", of_the_first_table),
     HEARS_OTHERS,
 )
 """The answer that comes first is taken for that of the question asked last, and what comes behind it for nothing."""

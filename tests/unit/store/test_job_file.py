@@ -12,7 +12,7 @@ from daemon.events.pick_order import OrderStep, PickOrder
 from daemon.store.job_file import MOST_STEPS, MOST_TIMES, job_names, load_job, unreadable
 from daemon.store.outside import FileError
 from daemon.store.place_file import CellPlaces, Place, PlaceSettings
-from daemon.store.recovery_state import SLOT, RecoveryState, _Slot
+from daemon.store.recovery_state import SLOT, RecoverySlot, RecoveryState
 from daemon.store.yamlfile import ConfigError
 
 KIT = """\
@@ -107,4 +107,4 @@ def test_the_longest_job_fits_into_a_slot_of_the_recovery_file_beside_the_longes
     text = f"version: 1\nsteps: [{', '.join([step] * MOST_STEPS)}]\nif_missing: wait\n"
     order = load_job(written(tmp_path, text, "j" * 30), "j" * 30).order(MOST_TIMES)
     state = RecoveryState("r" * 20, 10**9, "look_at_place", True, "p" * 40, order, "f" * 200, True)
-    assert len(msgspec.json.encode(_Slot(10**12, state))) + 10 < SLOT
+    assert len(msgspec.json.encode(RecoverySlot(10**12, state))) + 10 < SLOT

@@ -19,8 +19,8 @@ from daemon.store.runlog import RunLog
 from daemon.store.runs import (
     _SCANNED,
     RunError,
-    _age_key,
-    _bytes_in,
+    age_key,
+    bytes_in,
     check_wire,
     enforce_quota,
     find_run,
@@ -159,7 +159,7 @@ def test_pictures_are_looked_through_once_and_again_where_one_was_put_in(tmp_pat
     old = run_with(tmp_path / "20260101T000000Z", {"kind": "cycle_end", "outcome": "picked"}, size=100_000)
     new = run_with(tmp_path / "20260102T000000Z", size=0)
     os.utime(new / "images", ns=(0, 0))  # long ago, as clocks of file systems tick
-    with patch("daemon.store.runs._bytes_in", side_effect=_bytes_in) as looked:
+    with patch("daemon.store.runs.bytes_in", side_effect=bytes_in) as looked:
         for _ in range(3):
             assert enforce_quota(tmp_path, 500_000, new) == []
         below = [Path(call.args[0]) for call in looked.call_args_list if Path(call.args[0]).parent != tmp_path]
@@ -353,7 +353,7 @@ def test_a_disk_without_room_takes_runs_away_until_there_is(tmp_path: Path) -> N
 
 def test_the_number_behind_a_run_s_name_counts_up_to_nine_digits() -> None:
     """Whatever is longer nobody counted."""
-    told = [_age_key(Path(name)) for name in ("a", "a-7", "a-999999999", "a-1000000000", "a-x")]
+    told = [age_key(Path(name)) for name in ("a", "a-7", "a-999999999", "a-1000000000", "a-x")]
     assert told == [("a", 0), ("a", 7), ("a", 999_999_999), ("a", 0), ("a", 0)]
 
 

@@ -17,8 +17,8 @@ import pytest
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.controller import Manners
 from drivers.val2.contact_findings import ContactFindings, Heard, UnclearError
-from drivers.val2.conversation import _answer as answer
-from drivers.val2.conversation import _is_twice as is_twice
+from drivers.val2.conversation import answer_from as answer
+from drivers.val2.conversation import is_twice
 from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
 from drivers.val2.first_contact import _line
 from drivers.val2.link import Dialect, Link

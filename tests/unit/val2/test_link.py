@@ -27,7 +27,7 @@ from drivers.val2.link import (
     Preempted,
     Where,
 )
-from drivers.val2.link import _heard_of as heard_of
+from drivers.val2.link import mark_heard as heard_of
 from drivers.val2.location import Location, apart, location_from_matrix
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived

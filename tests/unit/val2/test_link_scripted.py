@@ -745,7 +745,7 @@ class Printing(Scripted):
     """Its program prints a line every half second, from EX on, until it has read the word that stops it so often."""
 
     def __init__(self, stops: int, at_once: bool = False) -> None:
-        super().__init__(self._answer)
+        super().__init__(self.answer_from)
         self._stops, self._prints, self.at_first = stops, at_once, "" if at_once else PROMPT
 
     def open(self, *args: Any) -> Scripted:
@@ -753,7 +753,7 @@ class Printing(Scripted):
         self._print()
         return self
 
-    def _answer(self, line: str, nth: int) -> str:
+    def answer_from(self, line: str, nth: int) -> str:
         self._stops -= line == "ABORT"
         if line == "EX" or self._stops <= 0:
             self._prints, self.at_first = line == "EX", "" if line == "EX" else PROMPT

@@ -99,7 +99,7 @@ def test_a_rig_that_looks_along_its_baseline_is_refused_at_once() -> None:
 @pytest.mark.parametrize("size", [(640, 480), (3840, 2160), (480, 6000)])
 def test_a_map_is_never_much_larger_than_its_image(size: tuple[int, int]) -> None:
     for wide in ([1.0, 0.8], [5.0, 4.0], [0.4, 30.0], [1e4, 1e4]):
-        scale = directional_edge_map._scale(600.0 / directional_edge_map.SHRINK, np.array(wide), size[::-1])
+        scale = directional_edge_map.map_scale(600.0 / directional_edge_map.SHRINK, np.array(wide), size[::-1])
         width, height = np.array(wide) * scale
         assert (
             width * height <= 1.01 * directional_edge_map.LARGEST * size[0] * size[1] / directional_edge_map.SHRINK**2

@@ -105,7 +105,7 @@ def scene(name: str, groups: Sequence[Group] = ()) -> Search:
 
 
 def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tests: int = 1000) -> float:
-    return by_edges._probability(by_edges._log_odds(one, scene("cube", groups), tests))
+    return by_edges.probability_of(by_edges.log_odds_of(one, scene("cube", groups), tests))
 
 
 @pytest.mark.parametrize(
@@ -207,11 +207,11 @@ def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
     images, good = images_of("cube"), max(all_laid("cube"), key=lambda one: one.evidence.nats)
     weak = replace(good, evidence=EdgeEvidence(45.0, 0.7), tries=2.0)
     tests = round(np.exp(weak.odds - 1.0))
-    anew = by_edges._undecided([weak], tests, images)
+    anew = by_edges.undecided_poses([weak], tests, images)
     assert len(anew) > 1
     assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
     strong = replace(weak, evidence=EdgeEvidence(100.0, 0.7))
-    assert by_edges._undecided([strong], 1, images) == [], "this one is sure"
+    assert by_edges.undecided_poses([strong], 1, images) == [], "this one is sure"
 
 
 def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_it_has_only_so(
@@ -221,7 +221,7 @@ def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_i
 
     def doubt(turned_deg: float) -> float:
         pose = best.pose @ frames.rigid(frames.rotation_from_vector(np.radians([turned_deg, 0.0, 0.0])), np.zeros(3))
-        return float(np.trace(by_edges._spread(best, [best, replace(best, pose=pose)], best.pose[None])))
+        return float(np.trace(by_edges.pose_spread(best, [best, replace(best, pose=pose)], best.pose[None])))
 
     little, turned = doubt(10.0), doubt(60.0)
     assert turned > 30 * little > 0, "as likely there"
@@ -244,7 +244,7 @@ def test_other_parts_are_laid_at_a_place_only_where_something_there_may_have_a_n
     good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
     one = good if promising else replace(good, evidence=EdgeEvidence(10.0, 0.3))
     rival = search.EdgeHypothesis("pyramid", good.pose)
-    laid = by_edges._with_competing(scene("cube"), [one], [rival], 1000)
+    laid = by_edges.with_competing(scene("cube"), [one], [rival], 1000)
     assert [other.label for other in laid] == ([one.label, "pyramid"] if promising else [one.label])
 
 
@@ -392,7 +392,7 @@ def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
     other = replace(
         best, pose=farther, evidence=EdgeEvidence(best.evidence.nats - nats_less, best.evidence.share), tries=7.0
     )
-    spread = by_edges._spread(best, [best, other], best.pose[None])
+    spread = by_edges.pose_spread(best, [best, other], best.pose[None])
     assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
     assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm
 
@@ -401,7 +401,7 @@ def test_where_a_part_looks_the_same_turned_that_is_no_doubt_of_its_place() -> N
     best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
     turned = replace(best, pose=best.pose @ frames.rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)))
     alike = np.stack([best.pose, turned.pose])
-    np.testing.assert_allclose(by_edges._spread(best, [best, turned], alike), 0.0, atol=1e-9)
+    np.testing.assert_allclose(by_edges.pose_spread(best, [best, turned], alike), 0.0, atol=1e-9)
 
 
 def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_depth(

@@ -13,7 +13,7 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
 from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats
-from daemon.vision.evidence.photo_consistency import _bare
+from daemon.vision.evidence.photo_consistency import bare_places
 from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
@@ -111,7 +111,7 @@ def bare(solid: Polyhedron) -> list[bool]:
     middle, rim = bored(14.0).holes[0].ring_mm.mean(0), bored(14.0).holes[0].ring_mm[0]
     inside, beside = (middle + share * (rim - middle) for share in (0.9, 1.15))
     far = 2 * PLAIN.centres_mm[TOP] - middle
-    return _bare(solid, TOP, np.stack([inside, beside, far]), facing(), images_of(None)).tolist()
+    return bare_places(solid, TOP, np.stack([inside, beside, far]), facing(), images_of(None)).tolist()
 
 
 def test_print_is_not_looked_for_in_a_hole_nor_beside_its_rim() -> None:
@@ -136,14 +136,14 @@ def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
 
 def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Projected from behind the image plane it may be millions of px long: a look took gigabytes."""
-    places, along, rng = list[int](), rim_samples._along, np.random.default_rng(0)
+    places, along, rng = list[int](), rim_samples.places_along_rim, np.random.default_rng(0)
 
     def counted(hole: Hole, ring_px: Array) -> Array:
         found = along(hole, ring_px)
         places.append(len(found))
         return found
 
-    monkeypatch.setattr(rim_samples, "_along", counted)
+    monkeypatch.setattr(rim_samples, "places_along_rim", counted)
     for depth_mm in (0.5, 2.0, 6.0, 12.0, 20.0, 40.0):
         for _ in range(30):
             near = facing()

@@ -9,7 +9,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import table_estimation
-from daemon.vision.facets.table_estimation import _plane, estimate_table
+from daemon.vision.facets.table_estimation import estimate_table, plane_of_most
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import baseline
 from daemon.vision.image.stereo_images import open_stereo
@@ -140,13 +140,13 @@ def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: 
 def test_what_only_the_left_camera_sees_says_nothing_against_a_table() -> None:
     """Of a near table the left third is not in the right picture; what is matched there all the same lies far away."""
     canvas = straight_canvas()
-    places, near = table_estimation._places((160, 213)), 140.0
+    places, near = table_estimation.coarse_places((160, 213)), 140.0
     low, high = canvas.in_both(places)
     alone = (near < low) | (near > high)
     assert 0.3 < alone.mean() < 0.5
     far = np.random.default_rng(7).uniform(1.0, 48.0, len(places))
     disparities = np.where(alone, far, near).astype(np.float32)
-    found = _plane(places, disparities, canvas)
+    found = plane_of_most(places, disparities, canvas)
     assert np.abs(places @ found - near).max() < 0.1
 
 
@@ -189,5 +189,5 @@ def test_a_plane_is_found_among_wrong_matches(seed: int) -> None:
     disparities = places @ plane + rng.normal(0, 0.1, 3000)
     disparities[:1200] = rng.uniform(5, 130, 1200)
     order = rng.permutation(3000)
-    found = _plane(places[order], disparities[order].astype(np.float32), straight_canvas())
+    found = plane_of_most(places[order], disparities[order].astype(np.float32), straight_canvas())
     assert np.abs(places @ (found - plane)).max() < 0.1

@@ -64,17 +64,17 @@ def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
     sizes = solids(1.0, *np.linspace(0.5, 1.6, 16))
     found, could = guessed(name, sizes)
     assert could > 10 * guessed(name, solids(1.0))[1]
-    assert len(found.part) <= junctions._most(len(sizes.shapes), 1)[0]
+    assert len(found.part) <= junctions.most_guesses(len(sizes.shapes), 1)[0]
     assert off_mm(name, found).min() < 6.0
 
 
 def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (10**6, 3))
+    monkeypatch.setattr(junctions, "most_guesses", lambda taught, corners: (10**6, 3))
     several, _ = guessed("cube", solids(1.0, 0.7, 1.3))
-    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (10**6, 1))
+    monkeypatch.setattr(junctions, "most_guesses", lambda taught, corners: (10**6, 1))
     few, could = guessed("cube", solids(1.0, 0.7, 1.3))
     assert 0 < len(few.part) < len(several.part)
-    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (50, 1))
+    monkeypatch.setattr(junctions, "most_guesses", lambda taught, corners: (50, 1))
     fewest, still = guessed("cube", solids(1.0, 0.7, 1.3))
     assert len(fewest.poses) == 50
     assert {one.tobytes() for one in fewest.poses} < {one.tobytes() for one in few.poses}
@@ -109,7 +109,7 @@ def test_the_outline_goes_on_along_the_facet_between_two_edges_or_seen_from_behi
 def test_more_may_be_guessed_where_more_is_taught_and_at_a_corner_where_those_are_few(
     taught: int, corners: int, most: tuple[int, int]
 ) -> None:
-    assert junctions._most(taught, corners) == most
+    assert junctions.most_guesses(taught, corners) == most
 
 
 def test_parts_share_the_kinds_of_their_corners() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, face_consistency, print_apart_px
+from daemon.vision.evidence.photo_consistency import ENOUGH, face_consistency, places_on_face, print_apart_px
 from daemon.vision.geometry import exact
 from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses.directional_edge_map import (
@@ -170,7 +170,7 @@ def test_print_is_alike_where_it_lies_on_the_faces_and_only_there() -> None:
 def test_a_large_face_is_asked_at_no_more_places_than_say_enough() -> None:
     cube = shape("cube")
     large = exact(20.0 * cube.corners_mm, cube.facets)
-    small, many = _on_face(cube, 0), _on_face(large, 0)
+    small, many = places_on_face(cube, 0), places_on_face(large, 0)
     assert len(small) < len(many) < 1.2 * ENOUGH
     assert np.allclose(np.ptp(many, axis=0), 20.0 * np.ptp(small, axis=0), atol=50.0)
 

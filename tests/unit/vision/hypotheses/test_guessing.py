@@ -24,13 +24,13 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
     many = ScoredPoses(
         PoseBatch(solids, np.zeros(33, np.intp), poses), np.concatenate([np.arange(30.0), [90.0, 92.0, 91.0]])
     )
-    kept = search._varied(many)
+    kept = search.varied_guesses(many)
     assert kept.tolist() == [*range(search.OF_A_BUNDLE), 30, 32, 31]
     monkeypatch.setattr(search, "MOST_PROMISING", 5)
-    assert search._varied(many).tolist() == [*range(search.OF_A_BUNDLE), 30]
+    assert search.varied_guesses(many).tolist() == [*range(search.OF_A_BUNDLE), 30]
 
 
 def test_where_guesses_are_few_all_are_asked_of_both_cameras() -> None:
     solids = SolidBatch.of((exact(CUBE.corners_mm, CUBE.facets),))
     few = ScoredPoses(PoseBatch(solids, np.zeros(9, np.intp), np.stack([WHERE] * 9)), -np.arange(9.0))
-    assert search._varied(few).tolist() == list(range(9))
+    assert search.varied_guesses(few).tolist() == list(range(9))

@@ -34,7 +34,7 @@ GEOMETRY = baseline(straight_rig())
 def resting_pose(solid: Polyhedron, which: int, spin: float, x: float = 0.0, lifted_mm: float = 0.0) -> Array:
     """cyclopean_from_part of a solid on a side of it, turned about the table's normal."""
     normal = resting_planes(solid)[which % len(resting_planes(solid)), :3]
-    turn = resting_poses._turns(normal[None], -UP)[0]
+    turn = resting_poses.smallest_turns(normal[None], -UP)[0]
     turn = frames.rotation_from_vector(spin * UP) @ turn
     lowest = (solid.corners_mm @ turn.T @ UP).min()
     foot = np.array([x, 0.0, 0.0])

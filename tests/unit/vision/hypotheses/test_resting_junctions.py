@@ -108,7 +108,9 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     turned = GEOMETRY.cyclopean_from_baseline
     viewpoint_mm = GEOMETRY.middle_mm + (camera - 0.5) * GEOMETRY.length_mm * turned[:, 0]
     taught = resting_junctions_of((solid,))
-    which, at, ways = resting_junctions._possible(corners, taught, turned.T @ up, float(up @ viewpoint_mm) - level)
+    which, at, ways = resting_junctions.possible_places(
+        corners, taught, turned.T @ up, float(up @ viewpoint_mm) - level
+    )
     best = np.inf
     for k, place, one, other in zip(which, at, *ways, strict=True):
         from_corner = frames.rigid(
@@ -195,7 +197,9 @@ def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
     slope = -np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1) @ up
     assert slope.min() < 0.9 * least < 1.1 * least < slope.max()
     axes = GEOMETRY.cyclopean_from_baseline
-    _, at, _ = resting_junctions._possible(corners, resting_junctions_of((SOLIDS["cube"],)), axes.T @ up, above_mm)
+    _, at, _ = resting_junctions.possible_places(
+        corners, resting_junctions_of((SOLIDS["cube"],)), axes.T @ up, above_mm
+    )
     assert len(at)
     assert (-at @ axes.T @ up > least * at[:, 2]).all()
 
@@ -232,7 +236,9 @@ def test_how_long_an_edge_may_show_is_seen_in_perspective(by: float, fewest: int
     kept = 0
     for k in range(len(corners.at)):
         one = corners.chosen(np.array([k]))
-        which, at, ways = resting_junctions._possible(one, taught, GEOMETRY.cyclopean_from_baseline.T @ up, above_mm)
+        which, at, ways = resting_junctions.possible_places(
+            one, taught, GEOMETRY.cyclopean_from_baseline.T @ up, above_mm
+        )
         ends = at[:, None] + taught.taught.lengths_mm[taught.corner[which]][..., None] * ways.transpose(1, 0, 2)
         reach = np.linalg.norm(ends[..., :2] / ends[..., 2:] - one.at, axis=2)
         longest = 1.02 * resting_junctions.TOO_LONG * reach + resting_junctions.ROOM  # angles are a degree off

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon.vision.image.grey import measure_noise
-from daemon.vision.image.regions import Scale, _holes, _holes_among_specks, closed_regions, shrunk, unit_noise
+from daemon.vision.image.regions import Scale, closed_regions, hole_borders, largest_hole_borders, shrunk, unit_noise
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -20,9 +20,9 @@ def test_regions_among_specks_have_the_borders_that_following_every_border_gives
     def large(borders: list[np.ndarray]) -> set[bytes]:
         return {np.asarray(b, np.int32).tobytes() for b in borders if cv2.contourArea(b) >= 30}
 
-    every = large(_holes(edges, (0, 0)))
+    every = large(hole_borders(edges, (0, 0)))
     assert len(every) > 1
-    assert large(_holes_among_specks(edges, (0, 0), 12.0, 40)) == every
+    assert large(largest_hole_borders(edges, (0, 0), 12.0, 40)) == every
 
 
 ALL = np.array([0, 0]), np.array([80, 60])

@@ -14,11 +14,11 @@ from daemon.vision.image import segments
 from daemon.vision.image.segments import (
     MOST_SEGMENTS,
     Segments,
-    _lsd,
     cells_of,
     find_segments,
     joined,
     segment_corners,
+    segments_by_lsd,
     shared_out,
 )
 
@@ -47,7 +47,7 @@ def test_a_square_has_four_sides_and_four_corners(contrast: float) -> None:
 @pytest.mark.parametrize("contrast", [6.0, 80.0, 150.0])
 def test_faint_sides_are_found_and_strong_ones_draw_no_lines_beside_them(contrast: float) -> None:
     around = np.linalg.norm(np.roll(SQUARE, 1, 0) - SQUARE, axis=1).sum()
-    assert _lsd(picture(6.0)).shape[0] < 4
+    assert segments_by_lsd(picture(6.0)).shape[0] < 4
     assert 0.85 * around < find_segments(picture(contrast)).lengths_px.sum() < 1.15 * around
 
 
@@ -59,7 +59,7 @@ def test_segments_run_with_the_brighter_side_on_one_hand() -> None:
     middle = SQUARE.mean(0)
 
     def hand(contrast: float) -> set[float]:
-        ends = _lsd(picture(contrast))
+        ends = segments_by_lsd(picture(contrast))
         long = ends[np.hypot(*(ends[:, 2:] - ends[:, :2]).T) > 60]
         way, to = long[:, 2:] - long[:, :2], middle - long[:, :2]
         return set(np.sign(way[:, 0] * to[:, 1] - way[:, 1] * to[:, 0]))

@@ -9,8 +9,8 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.stereo_images import open_stereo
-from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, _wear, adjusted
-from daemon.vision.refine.edge_pose import _solved, locate
+from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, adjusted, wear_of
+from daemon.vision.refine.edge_pose import locate, solved_motion
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import CUBE, Body, pose
@@ -33,7 +33,7 @@ def test_a_part_a_little_larger_or_smaller_than_taught_is_not_taken_for_a_nearer
     middle = CUBE.corners_mm.mean(axis=0)
     _, located, found = fitted(middle + larger * (CUBE.corners_mm - middle))
     there = frames.apply(WHERE, middle)
-    each_for_itself = frames.perturb(located.pose, _solved(located.observed, located.pose, located.pose, 3.0)[0])
+    each_for_itself = frames.perturb(located.pose, solved_motion(located.observed, located.pose, located.pose, 3.0)[0])
     assert abs(frames.apply(found.pose, middle)[2] - there[2]) < 0.6
     assert abs(frames.apply(each_for_itself, middle)[2] - there[2]) > 1.0
 
@@ -128,10 +128,10 @@ def test_edges_that_seem_to_have_grown_are_weighed_as_those_of_a_sharp_part():
 
 
 def test_wear_is_believed_where_it_is_seen():
-    assert _wear(-0.2, 0.01) == (0.0, 0.0)
-    little, much = _wear(0.05, 0.05**2)[0], _wear(0.3, 0.05**2)[0]
+    assert wear_of(-0.2, 0.01) == (0.0, 0.0)
+    little, much = wear_of(0.05, 0.05**2)[0], wear_of(0.3, 0.05**2)[0]
     assert 0 < little < 0.015 < 0.295 < much < 0.3
-    assert _wear(30.0, 1e-4)[0] == pytest.approx(30.0)
+    assert wear_of(30.0, 1e-4)[0] == pytest.approx(30.0)
 
 
 def contradicting(located, rng):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.vision.refine.expected_edges import ROOM_PX, _inside
+from daemon.vision.refine.expected_edges import ROOM_PX, shares_inside
 
 
 def test_the_part_of_an_edge_inside_an_image_is_where_its_points_are() -> None:
@@ -15,7 +15,7 @@ def test_the_part_of_an_edge_inside_an_image_is_where_its_points_are() -> None:
     share = np.linspace(0, 1, 4001)
     points = start[:, None] + share[:, None] * (end - start)[:, None]
     there = ((points >= ROOM_PX) & (points <= np.array([639.0, 479.0]) - ROOM_PX)).all(2)
-    first, last = _inside(start, end, (640, 480))
+    first, last = shares_inside(start, end, (640, 480))
     seen = there.any(1)
     assert 40 < seen.sum() < 360
     assert (last[there.sum(1) > 2] > first[there.sum(1) > 2]).all()
