@@ -21,7 +21,16 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import Fit, edge_support, edges_vanished, fit_each, fit_edges, refined_pose, refit, shown
+from daemon.vision.refine import (
+    Fit,
+    clear_edge_fraction,
+    fit_by_each_camera,
+    fit_by_edges,
+    fit_to_facets,
+    outline_coverage,
+    refine_or_reject,
+    vanished_edge_fraction,
+)
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -103,7 +112,7 @@ def fitted(target: Target, look: Look) -> Fit | None:
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
     named = [_as_named(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
-    by_facets = refit(target.shape, [f for p in here for f in p.facets], near)
+    by_facets = fit_to_facets(target.shape, [f for p in here for f in p.facets], near)
     found = [fit for fit in (*named, by_facets) if fit is not None]
     if not found:
         return None
@@ -132,8 +141,8 @@ def by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: floa
     """
     stereo = taken.stereo
     if taken.moved is None:
-        return fit_edges(shape, stereo, near, reach_mm)
-    both = fit_each(shape, stereo, near, reach_mm)
+        return fit_by_edges(shape, stereo, near, reach_mm)
+    both = fit_by_each_camera(shape, stereo, near, reach_mm)
     if both is None:
         return None
     poses, covariances = [fit.cyclopean_from_part for fit in both], [fit.covariance for fit in both]
@@ -176,7 +185,7 @@ def in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doub
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
     near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, cameras_on_the_gripper(taken, mount)
-    return any(edge_support(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
+    return any(clear_edge_fraction(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
 
 
 def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
@@ -185,7 +194,8 @@ def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: 
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     stereo = cameras_on_the_gripper(before, mount), cameras_on_the_gripper(after, mount)
     return any(
-        edges_vanished(target.shape, *stereo, near, mm) >= LEAST_VANISHED for mm in _reaches_in_hand(target, doubt)
+        vanished_edge_fraction(target.shape, *stereo, near, mm) >= LEAST_VANISHED
+        for mm in _reaches_in_hand(target, doubt)
     )
 
 
@@ -238,7 +248,7 @@ def held_by_edges(
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
     near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
-    fit = refined_pose(shape, taken.stereo, near, reach_mm)
+    fit = refine_or_reject(shape, taken.stereo, near, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part
@@ -283,7 +293,7 @@ def came_back_empty(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -
     if empty is None:
         return False
     stereo, near = cameras_on_the_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
-    return shown(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
+    return outline_coverage(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
 def _cyclopean_from_tool(taken: CapturedPair, mount: CameraMount) -> Array:
@@ -357,9 +367,9 @@ def beside(
         near = [p for p in now if same_place(p.centre, old.centre, 2 * SAME_PLACE_MM)]
         if shape is None or not near:
             continue
-        first = refit(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)
+        first = fit_to_facets(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
-        second = refit(shape, near[0].facets, here, gate_mm=20.0)
+        second = fit_to_facets(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
             pair = sighted(old.look, first, rig, doubt), sighted(near[0].look, second, rig, doubt)
             found.append(pose_fusion.disagreement(*pair, doubt))

@@ -32,7 +32,7 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision import look as look_module
-from daemon.vision.evidence import by_edges, counter_evidence, near_duplicates, occlusion, overlaps
+from daemon.vision.evidence import by_edges, counter_evidence, occlusion, overlaps
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
@@ -70,16 +70,16 @@ COMPONENTS: dict[str, Without] = {
     "undecided ones registered anew": Without(by_edges, "undecided_poses", lambda *_: []),
     "doubt by other poses": Without(by_edges, "pose_spread", lambda *_: np.zeros((6, 6))),
     "self-similarity": Without(by_edges, "self_similarity", lambda *_: 0.0),
-    "what leaves the picture": Without(by_edges, "cut_off", lambda *_: False),
+    "what leaves the picture": Without(by_edges, "leaves_a_picture", lambda *_: False),
     "all that speaks against": Without(look_module, "verified_names", lambda found, *_: tuple(found)),
     "missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
     "missing in both": Without(counter_evidence, "missing_in_both_px", lambda _: 0.0),
     "off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
-    "near-duplicates": Without(counter_evidence, "duplicate_lead", lambda *_: near_duplicates.DuplicateLead()),
+    "near-duplicates": Without(counter_evidence, "duplicate_lead", lambda *_: counter_evidence.DuplicateLead()),
     "rounded corners": Without(counter_evidence, "resolved_by_rounding", lambda one, *_: one),
     "occlusion": Without(occlusion, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
     "occlusion: edges that run on": Without(occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)),
-    "occlusion in the evidence": Without(by_edges, "_without_hidden", lambda laid, *_: laid),
+    "occlusion in the evidence": Without(by_edges, "_without_hidden_edges", lambda registered, *_: registered),
     "other sizes": Without(by_edges, "other_size_nats", lambda *_: 0.0),
     "strong edges beside parts": Without(overlaps, "_strong_beside_px2", lambda *_: 0.0),
 }

@@ -15,7 +15,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.geometry import SolidBatch
 from daemon.vision.image import MODEL_PX, open_stereo
-from daemon.vision.refine.expected_edges import LINE_SIGMAS, expected, measured
+from daemon.vision.refine.expected_edges import LINE_SIGMAS, measure_edges, project_edges
 from daemon.vision.settings import TOLERANCE_MM
 from tests.bench.sigmas import looked
 from tests.bench.simulated_looks import true_rig
@@ -29,8 +29,8 @@ def errors(seed: int) -> list[tuple[Array, Array]]:
     found = []
     for one in looked(seed, made_mm=0.0):
         cameras = open_stereo(one.photo.left, one.photo.right, true_rig(cell()))
-        edges = expected(SolidBatch.of([one.solid]), cameras, one.true[None], np.ones(1, bool), TOLERANCE_MM)
-        for seen in measured(edges, cameras):
+        edges = project_edges(SolidBatch.of([one.solid]), cameras, one.true[None], np.ones(1, bool), TOLERANCE_MM)
+        for seen in measure_edges(edges, cameras):
             if seen.sides is not None:
                 use = seen.there & seen.edges.sharp
                 said = (seen.line_doubt - MODEL_PX**2 * np.eye(2)) / LINE_SIGMAS**2

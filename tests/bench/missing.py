@@ -29,7 +29,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.vision.evidence import counter_evidence
-from daemon.vision.evidence.counter_evidence import Against
+from daemon.vision.evidence.counter_evidence import CounterEvidence
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
@@ -64,7 +64,7 @@ class Seen(NamedTuple):
     family: str
     seed: str
     right: bool
-    against: Against
+    against: CounterEvidence
 
 
 class Fit(NamedTuple):
@@ -154,7 +154,7 @@ def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene
 
 def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, cameras: StereoImages) -> Seen:
     solid = model.metric[part.recognition.label].solid
-    return Seen(*who, counter_evidence.speaks_against(solid, part.cyclopean_from_part, cameras))
+    return Seen(*who, counter_evidence.counter_evidence_of(solid, part.cyclopean_from_part, cameras))
 
 
 def write(seen: list[Seen]) -> None:
@@ -174,7 +174,7 @@ def read() -> list[Seen]:
         return [
             Seen(
                 r["set"], r["family"], r["seed"], r["right"] == "1",
-                Against(*(float(r[name]) for name in ("missing", "both_px", "off_px", "rival"))),
+                CounterEvidence(*(float(r[name]) for name in ("missing", "both_px", "off_px", "rival"))),
             )
             for r in csv.DictReader(file)
         ]  # fmt: skip

@@ -1,16 +1,20 @@
 """Whether a part is where a hypothesis has it: evidence from both images, competing hypotheses, overlaps.
 
-| module | what it weighs | called by |
-| --- | --- | --- |
-| `by_edges` | names parts that facets do not name: all edges against chance, in log odds | the look |
-| `registered`, `edge_places` | for: edges of a part at a pose, in both images | `by_edges`, `counter_evidence` |
-| `hole_rims` | for and against: rims of holes that are there, or missing | `by_edges` |
-| `near_duplicates`, `other_sizes` | against: another part, taught or not, or size that fits better | both of these |
-| `counter_evidence` | against, whichever way a part got its name: edges missing, edges off its faces | the look |
-| `off_faces`, `occlusion` | edges in front of or behind the faces; what nearer objects hide | `counter_evidence` |
-| `by_rounding`, `corner_rounding` | which of parts that differ in their corners' radii alone | `counter_evidence` |
-| `photo_consistency` | no odds: whether print and edges agree in depth, a hint at the calibration | `by_edges` |
-| `overlaps` | of two parts at one place, one | the look |
+| module | what it weighs | for or against | called by |
+| --- | --- | --- | --- |
+| `by_edges` | names parts that facets do not name: all edges against chance, in log odds | both | the look |
+| `registered` | grey levels along a part's edges at a pose, in both images | for | `by_edges` |
+| `hole_rims` | rims of holes that are there, or missing | both | `by_edges` |
+| `competing` | edges that only another part, orientation or length has | against | both of these |
+| `other_sizes` | edges and arcs that another size fits better | against | `by_edges` |
+| `photo_consistency` | whether print and edges agree in depth, a hint at the calibration | neither | `by_edges` |
+| `counter_evidence` | whichever way a part got its name: the four below, in one probability | against | the look |
+| `edge_places` | edges missing though the levels beside them differ | against | `counter_evidence`, `registered` |
+| `near_duplicates` | solids nearly the same that nobody taught | against | `counter_evidence` |
+| `off_faces` | edges in front of or behind the faces | against | `counter_evidence` |
+| `occlusion` | what nearer objects hide: not missing, after all | for | `counter_evidence`, `registered` |
+| `by_rounding`, `corner_rounding` | which of parts that differ in corner radii alone | both | `counter_evidence` |
+| `overlaps` | of two parts at one place, one | against | the look |
 """
 
 from daemon.vision.evidence.by_edges import named_by_edges

@@ -17,19 +17,17 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.evidence.competing import LEAST_APART, lead_by_own_edges, lead_over_other_lengths, leaves_a_picture
 from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
-from daemon.vision.evidence.near_duplicates import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import print_apart_px
 from daemon.vision.evidence.registered import (
     BY_NATS,
     ON_TABLE,
-    MeasuredPart,
     RegisteredPart,
-    measured_at,
-    registered_at,
-    registered_near,
+    register_at,
+    register_near,
 )
 from daemon.vision.facets import TablePlane, estimate_table, merge_vertices
 from daemon.vision.geometry import Polyhedron
@@ -52,7 +50,7 @@ from daemon.vision.hypotheses import (
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model, facet_turns
 from daemon.vision.recognition import Recognised
-from daemon.vision.refine import SCALE, facets_shown
+from daemon.vision.refine import SCALE, count_visible_facets
 from daemon.vision.values import NearestGuess, Part, Recognition
 
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
@@ -130,29 +128,31 @@ def named_by_edges(
     )
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
-    chances = max(by_facets.tests, fewest)
-    laid = with_competing(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.competing, chances)
-    _, found, _ = _proven(search, laid, chances, spent)
+    chances = max(by_facets.tested, fewest)
+    registered = _by_odds(register_near(search, by_facets.likely))
+    registered = with_competing(search, registered, by_facets.competing, chances)
+    found = accept_hypotheses(search, registered, chances, spent).named
     if found and enough(found):
         return NamedByEdges(found, (), (), complete=True)
-    tests, left_out = 0, tuple[str, ...]()
-    for guessed in (hypotheses_from_junctions, hypotheses_on_support):
-        likely, of, unasked, competing = guessed(search, spent)
-        tests += of
-        chances = max(tests, fewest)
-        fresh = _by_odds(registered_near(search, likely))
+    tested, left_out = 0, tuple[str, ...]()
+    for hypotheses_of in (hypotheses_from_junctions, hypotheses_on_support):
+        likely, of, unasked, competing = hypotheses_of(search, spent)
+        tested += of
+        chances = max(tested, fewest)
+        fresh = _by_odds(register_near(search, likely))
         if spent() < SEARCHED:
-            fresh += registered_near(search, undecided_poses(fresh, chances, images))
-        laid = _by_odds([*laid, *fresh])
+            fresh += register_near(search, undecided_poses(fresh, chances, images))
+        registered = _by_odds([*registered, *fresh])
         if spent() < SEARCHED:
-            laid = with_competing(search, _by_odds(_without_hidden(laid, chances, images)), competing, chances)
-        taken, found, untried = _proven(search, laid, chances, spent)
-        left_out += unasked + untried
+            registered = _by_odds(_without_hidden_edges(registered, chances))
+            registered = with_competing(search, registered, competing, chances)
+        proven, found, untested = accept_hypotheses(search, registered, chances, spent)
+        left_out += unasked + untested
         if named or found or search.ground is None or spent() > SEARCHED:
             break  # the second way is for looks that would come home with nothing, and needs a table
     nearest = list[RegisteredPart]()
-    for one in laid:
-        if one.evidence.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
+    for one in registered:
+        if one.evidence.fraction > NEAREST and not any(one.overlaps(other) for other in (*proven, *nearest)):
             nearest.append(one)
     apart_px = 0.0
     if nearest and not named and not found and spent() < 1:
@@ -162,78 +162,100 @@ def named_by_edges(
 
 
 def with_competing(
-    search: Search, laid: list[RegisteredPart], competing: Sequence[EdgeHypothesis], tests: int
+    search: Search, registered: list[RegisteredPart], competing: Sequence[EdgeHypothesis], tested: int
 ) -> list[RegisteredPart]:
-    """Laid parts, the likeliest first, and with them, where one may have a name, those that could be there as well."""
-    if not any(_may_be_named(one, tests) for one in laid):
-        return laid
-    return _by_odds([*laid, *registered_near(search, competing)])
+    """Registered parts, the likeliest first, and, where one may have a name, those that could be there as well."""
+    if not any(_may_be_named(one, tested) for one in registered):
+        return registered
+    return _by_odds([*registered, *register_near(search, competing)])
 
 
-def _proven(
-    search: Search, laid: Sequence[RegisteredPart], tests: int, spent: Callable[[], float]
-) -> tuple[list[RegisteredPart], list[Recognised], tuple[str, ...]]:
-    """Accept registered hypotheses, the likeliest first: those that the edges prove; of these, named and measured,
-    those that no other taught part explains as well; and notes on what there was no time for."""
-    taken, found, images = list[RegisteredPart](), list[Recognised](), search.images
-    for k, one in enumerate(laid):
+class AcceptedHypotheses(NamedTuple):
+    """Hypotheses that the edges prove; of these, those that have a name; and notes on what there was no time for."""
+
+    proven: list[RegisteredPart]
+    named: list[Recognised]
+    left_out: tuple[str, ...] = ()
+
+
+def accept_hypotheses(
+    search: Search, registered: Sequence[RegisteredPart], tested: int, spent: Callable[[], float]
+) -> AcceptedHypotheses:
+    """Accept registered hypotheses, the likeliest first: those that the edges prove beyond all that were tested, and
+    that do not overlap. Of these, name those that no other taught part explains as well."""
+    accepted = AcceptedHypotheses([], [])
+    for k, one in enumerate(registered):
         if spent() > 1:
-            return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
-        if any(one.overlaps(other) for other in taken):
+            return accepted._replace(left_out=(f"{len(registered) - k} of {len(registered)} guesses were not tried",))
+        if any(one.overlaps(other) for other in accepted.proven):
             continue
-        odds = log_odds_of(one, search, tests)
+        odds = log_odds_of(one, search, tested)
         if probability_of(odds) < LEAST_CONFIDENCE:
             continue
-        one = _other_way(one, laid, search)
-        taken.append(one)
-        one = _best_turn(one, search)
-        holes = by_holes(one.label, one.pose, search.model, images)
-        confidence = probability_of(odds + min(holes.nats, 0.0))
-        if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
-            continue
-        if holes.pose is not one.pose:
-            (one,) = registered_at(search, [EdgeHypothesis(holes.label, holes.pose, one.tries)])
-        competing = (other for other in laid if other.label != one.label and other.overlaps(one))
-        ahead = all(_ahead_of(one, other, holes.nats, search) for other in competing)
-        if ahead and _proven_if_cut_off(one, confidence, search):
-            measured = measured_at(one.solid, one.pose, images, search.model, one.seen)
-            tolerance = search.model.parameters.tolerance_mm
-            size_nats = other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance)
-            radius_nats = other_radius_nats(one.solid, measured.fit.cyclopean_from_part, search.circles, tolerance)
-            taught_size = size_nats < OTHER_SIZE and radius_nats < OTHER_RADIUS
-            if measured.facets and taught_size:  # of edges alone, without a facet, no part is made
-                same = [other for other in laid if other.label == one.label and other.overlaps(one)]
-                found.append(placed(one, measured, confidence, same, search))
-    return taken, found, ()
+        one = _best_orientation(one, registered, search)
+        accepted.proven.append(one)
+        named = _name_if_unrivalled(one, odds, registered, search)
+        if named is not None:
+            accepted.named.append(named)
+    return accepted
 
 
-def _other_way(one: RegisteredPart, laid: Sequence[RegisteredPart], search: Search) -> RegisteredPart:
+def _name_if_unrivalled(
+    one: RegisteredPart, odds: float, registered: Sequence[RegisteredPart], search: Search
+) -> Recognised | None:
+    """A proven hypothesis, with such log odds, as a named part, measured; None where another taught part, a part of
+    another size, or the same part longer or shorter explains the edges and holes as well."""
+    one = _best_turn_about_axis(one, search)
+    holes = by_holes(one.label, one.pose, search.model, search.images)
+    confidence = probability_of(odds + min(holes.nats, 0.0))
+    if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
+        return None
+    if holes.pose is not one.pose:
+        (one,) = register_at(search, [EdgeHypothesis(holes.label, holes.pose, one.tested)])
+    competing = (other for other in registered if other.label != one.label and other.overlaps(one))
+    if not all(_fits_better(one, other, holes.nats, search) for other in competing):
+        return None
+    if not _proven_if_cut_off(one, confidence, search):
+        return None
+    measured, tolerance = one.measured, search.model.parameters.tolerance_mm
+    pose = measured.fit.cyclopean_from_part
+    if other_size_nats(one.solid, pose, measured.edges, tolerance) >= OTHER_SIZE:
+        return None
+    if other_radius_nats(one.solid, pose, search.circles, tolerance) >= OTHER_RADIUS:
+        return None
+    if not measured.facets:  # of edges alone, without a facet, no part is made
+        return None
+    same = [other for other in registered if other.label == one.label and other.overlaps(one)]
+    return recognised_part(one, confidence, same, search)
+
+
+def _best_orientation(one: RegisteredPart, registered: Sequence[RegisteredPart], search: Search) -> RegisteredPart:
     """A part, or the same part as it lies there another way, where the edges that it has only that way are there, or
     only that way it rests: with its plain side up a part leaves all the edges of its other side unexplained, and where
-    both have one outline, the wrong one sinks into the table or hovers. Another way is laid already, or has another
-    facet where this one has the one that shows most. That the part is there is proven: another way pays for the tries
-    of it only. Each is held against the others where its edges have it."""
-    same = [other for other in laid if other.label == one.label and other is not one and other.overlaps(one)]
+    both have one outline, the wrong one sinks into the table or hovers. Another way is registered already, or has
+    another facet where this one has the one that shows most. That the part is there is proven: another way pays for the
+    test of it only. Each is compared with the others where its edges have it."""
+    same = [other for other in registered if other.label == one.label and other is not one and other.overlaps(one)]
     facet = int((one.solid.facing(one.pose) * np.linalg.norm(one.solid.areas_mm2, axis=1)).argmax())
     over = [EdgeHypothesis(one.label, one.pose @ frames.inverse(turn)) for turn in facet_turns(one.solid, facet)]
-    others = [*same, *registered_at(search, over)] if over else same
-    ways = _by_odds(other for other in others if _lies_otherwise(other, one))[:MOST_WAYS]
+    others = [*same, *register_at(search, over)] if over else same
+    ways = _by_odds(other for other in others if _oriented_otherwise(other, one))[:MOST_WAYS]
     likely = [way for way in ways if probability_of(log_odds_of(way, search, len(ways))) >= LEAST_CONFIDENCE]
     if not likely:
         return one
-    here, *measured = (_where_measured(each, search) for each in (one, *likely))
+    here, *measured = (_registered_where_measured(each, search) for each in (one, *likely))
     best = max(measured, key=lambda other: _by_own_edges(other, here))
     return best if _by_own_edges(best, here) > 0 else one
 
 
-def _where_measured(one: RegisteredPart, search: Search) -> RegisteredPart:
-    """A part where its edges have it."""
-    fit = measured_at(one.solid, one.pose, search.images, search.model, one.seen).fit
-    (there,) = registered_at(search, [EdgeHypothesis(one.label, fit.cyclopean_from_part, one.tries)])
+def _registered_where_measured(one: RegisteredPart, search: Search) -> RegisteredPart:
+    """A part registered anew where its measured edges have it."""
+    pose = one.measured.fit.cyclopean_from_part
+    (there,) = register_at(search, [EdgeHypothesis(one.label, pose, one.tested)])
     return there
 
 
-def _lies_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:
+def _oriented_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:
     """Whether two of the same part are turned against each other, and not by one of its symmetries."""
     own = indistinguishable_turns(one.solid, tuple(range(len(one.solid.corners_mm))))[:, :3, :3]
     turn = other.pose[:3, :3].T @ one.pose[:3, :3]
@@ -243,11 +265,11 @@ def _lies_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:
 def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
     """By what log odds a part is ahead of one laid at the same place by the edges that only one of them has, and by
     whether it lies on the table."""
-    edges = by_own_edges(one.seen, other.seen) - LEAST_APART
+    edges = lead_by_own_edges(one.seen, other.seen) - LEAST_APART
     return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests]
 
 
-def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
+def _best_turn_about_axis(one: RegisteredPart, search: Search) -> RegisteredPart:
     """A round part in the turn about its axis for which its edges and holes speak most: its arcs are much the same in
     all. It is no surer for having been turned. Of 16 knobs in fresh looks one lay 7 degrees and more off by nats,
     and three by log odds, which prefer a turn that expects fewer edges."""
@@ -259,12 +281,12 @@ def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
     def nats(other: RegisteredPart) -> float:
         return BY_NATS * other.evidence.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
 
-    laid = registered_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tries) for turn in turns])
-    likely = [EdgeHypothesis(own.label, own.pose, own.tries) for own in sorted(laid, key=nats)[-MOST_TURNS:]]
-    return max([one, *registered_near(search, likely)], key=nats)
+    turned = register_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tested) for turn in turns])
+    likely = [EdgeHypothesis(own.label, own.pose, own.tested) for own in sorted(turned, key=nats)[-MOST_TURNS:]]
+    return max([one, *register_near(search, likely)], key=nats)
 
 
-def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:
+def _fits_better(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:
     """Whether of two parts laid at one place it is the first: by the edges that only one of them has, by whether it
     lies on the table, and by nats that its holes have more than those of the other. The print of a face may be where
     another part would have its edges."""
@@ -275,13 +297,16 @@ def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: 
 def _proven_if_cut_off(one: RegisteredPart, confidence: float, search: Search) -> bool:
     """Whether what is in view of a part proves it and how long it is, where it leaves a picture."""
     images, tolerance = search.images, search.model.parameters.tolerance_mm
-    if not cut_off(one.solid, one.pose, images):
+    if not leaves_a_picture(one.solid, one.pose, images):
         return True
-    return confidence > LEAST_CUT_OFF and ahead_of_sizes(one.solid, one.pose, one.seen, images, tolerance) > LEAST_APART
+    return (
+        confidence > LEAST_CUT_OFF
+        and lead_over_other_lengths(one.solid, one.pose, one.seen, images, tolerance) > LEAST_APART
+    )
 
 
-def _by_odds(laid: Iterable[RegisteredPart]) -> list[RegisteredPart]:
-    return sorted(laid, key=lambda one: -one.odds)
+def _by_odds(registered: Iterable[RegisteredPart]) -> list[RegisteredPart]:
+    return sorted(registered, key=lambda one: -one.odds)
 
 
 def _guess(one: RegisteredPart, apart_px: float) -> NearestGuess:
@@ -289,57 +314,57 @@ def _guess(one: RegisteredPart, apart_px: float) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
-def undecided_poses(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> list[EdgeHypothesis]:
+def undecided_poses(registered: Sequence[RegisteredPart], tested: int, images: StereoImages) -> list[EdgeHypothesis]:
     """Other poses of the likeliest part at each place, where its edges do not decide whether it is there."""
     places, found = list[RegisteredPart](), list[EdgeHypothesis]()
-    for one in laid:
-        odds = one.odds - np.log(tests)
+    for one in registered:
+        odds = one.odds - np.log(tested)
         if odds < UNDECIDED[0] or len(places) == MOST_UNDECIDED:
             break
-        if facets_shown(one.solid, images, one.pose, one.seen) < FEWEST_IN_VIEW or any(
+        if count_visible_facets(one.solid, images, one.pose, one.seen) < FEWEST_IN_VIEW or any(
             one.overlaps(there) for there in places
         ):
             continue
         places.append(one)
         if odds < UNDECIDED[1]:
             poses = perturbed_poses(one.solid, one.pose)
-            found += [EdgeHypothesis(one.label, pose, one.tries * (1 + len(poses))) for pose in poses]
+            found += [EdgeHypothesis(one.label, pose, one.tested * (1 + len(poses))) for pose in poses]
     return found
 
 
-def _without_hidden(laid: Sequence[RegisteredPart], tests: int, images: StereoImages) -> Iterator[RegisteredPart]:
+def _without_hidden_edges(registered: Sequence[RegisteredPart], tested: int) -> Iterator[RegisteredPart]:
     """Registered hypotheses, the likeliest first; for undecided ones, the edges hidden by nearer objects are left out
     of the evidence."""
     places = list[RegisteredPart]()
-    for one in laid:
-        odds = one.odds - np.log(tests)
+    for one in registered:
+        odds = one.odds - np.log(tested)
         here = sum(one.overlaps(there) for there in places)
         if HIDDEN_ODDS[0] < odds < HIDDEN_ODDS[1] and here < PER_PLACE and len(places) < MOST_HIDDEN:
             places.append(one)
-            yield one.without_hidden(images)
+            yield one.without_hidden()
         else:
             yield one
 
 
-def log_odds_of(one: RegisteredPart, search: Search, tests: int) -> float:
+def log_odds_of(one: RegisteredPart, search: Search, tested: int) -> float:
     """Log odds that a registered hypothesis is true, corrected for the number of hypotheses tested; minus infinity
     below the threshold for a name."""
-    if not _may_be_named(one, tests):
+    if not _may_be_named(one, tested):
         return -np.inf
-    odds, beside = one.odds - float(np.log(tests)), 0.0
+    odds, beside = one.odds - float(np.log(tested)), 0.0
     if len(one.solid.holes) > 1:
         nats = hole_nats(one.solid, one.pose, search.images, search.model.parameters.tolerance_mm)
         beside = max(nats - MOST_NATS, 0.0)
-    if facets_shown(one.solid, search.images, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
+    if count_visible_facets(one.solid, search.images, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
         return -np.inf
     again = self_similarity(one.solid, one.pose, search.images.geometry, search.maps[0])
     return odds + beside - BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0)
 
 
-def _may_be_named(one: RegisteredPart, tests: int) -> bool:
+def _may_be_named(one: RegisteredPart, tested: int) -> bool:
     """Whether the best that could speak for a laid part besides its edges would make it sure enough for a name."""
     further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
-    return probability_of(one.odds - float(np.log(tests)) + further) >= LEAST_CONFIDENCE
+    return probability_of(one.odds - float(np.log(tested)) + further) >= LEAST_CONFIDENCE
 
 
 def probability_of(log_odds: float) -> float:
@@ -353,51 +378,53 @@ OF_ODDS = 0.5
 parts that edges named 90 and four of 39, of look-alikes 96 and three of 110 (python -m tests.bench.poses)."""
 
 
-def placed(
-    seen: RegisteredPart, measured: MeasuredPart, confidence: float, same: Sequence[RegisteredPart], search: Search
+def recognised_part(
+    seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPart], search: Search
 ) -> Recognised:
     """The part with the facets that both cameras have in view, measured where its sides show; same: the same part as it
-    was laid there, this way and others."""
+    was registered there, in this orientation and others."""
     images = search.images
     near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
-    same = [*same, *registered_near(search, near)]
-    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), images)
-    fit, numbers, facets, _ = measured
+    same = [*same, *register_near(search, near)]
+    equivalent = _equivalent_poses(
+        seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), images
+    )
+    fit, numbers, facets, _ = seen.measured
     pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
-    why = f"{100 * seen.evidence.share:.0f} % of its expected edges are visible"
-    name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    equivalents = _alike(seen.solid, pose, numbers, images)
-    covariance = covariance + pose_spread(seen, same, alike)
+    reason = f"{100 * seen.evidence.fraction:.0f} % of its expected edges are visible"
+    name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, reason, (seen.label,))
+    equivalents = _equivalent_poses(seen.solid, pose, numbers, images)
+    covariance = covariance + pose_spread(seen, same, equivalent)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(merge_vertices(list(facets)), part)
 
 
-def _odds_of_place(one: RegisteredPart) -> float:
+def _odds_of_pose(one: RegisteredPart) -> float:
     """Log odds of this pose against other poses of the same part, without the correction for the number of poses
     tried."""
-    return one.odds + float(np.log(one.tries))
+    return one.odds + float(np.log(one.tested))
 
 
-def pose_spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) -> Array:
-    """(6, 6) extra covariance of the pose from other poses of the same part that are nearly as likely. alike (S, 4, 4):
-    the poses at which the part would look the same as at the likeliest one."""
+def pose_spread(best: RegisteredPart, same: Sequence[RegisteredPart], equivalent: Array) -> Array:
+    """(6, 6) extra covariance of the pose from other poses of the same part that are nearly as likely. equivalent
+    (S, 4, 4): the poses at which the part would look the same as at the likeliest one."""
     spread, total = np.zeros((6, 6)), 1.0
     for one in same:
         if one is not best:
-            odds = OF_ODDS * (_odds_of_place(one) - _odds_of_place(best))
-            if _lies_otherwise(one, best):
+            odds = OF_ODDS * (_odds_of_pose(one) - _odds_of_pose(best))
+            if _oriented_otherwise(one, best):
                 odds = min(odds, _by_own_edges(one, best))
             weight = float(np.exp(odds))
-            ways = [frames.difference(one.pose, pose) for pose in alike]
+            ways = [frames.difference(one.pose, pose) for pose in equivalent]
             off = min(ways, key=lambda way: float(np.linalg.norm(way / SCALE)))
             spread += weight * np.outer(off, off)
             total += weight
     return spread / total
 
 
-def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], images: StereoImages) -> Array:
+def _equivalent_poses(solid: Polyhedron, pose: Array, facets: Sequence[int], images: StereoImages) -> Array:
     """(S, 4, 4) equivalent poses: those at which the corners of some facets coincide with corners of the solid at this
     pose (4, 4), which is the first."""
     turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))

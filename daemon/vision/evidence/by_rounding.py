@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.corner_rounding import Bend, bends, squared, stay_of
 from daemon.vision.evidence.hole_rims import motions_onto, of_its_size
-from daemon.vision.evidence.registered import measured_at
+from daemon.vision.evidence.registered import measure_at
 from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
@@ -182,7 +182,7 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
 def _renamed(one: Recognised, competitor: _Competitor, model: Model, images: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
     solid = model.metric[competitor.label].solid
-    fit, numbers, facets, _ = measured_at(solid, competitor.pose, images, model)
+    fit, numbers, facets, _ = measure_at(solid, competitor.pose, images, model)
     if not numbers:
         return without_name(one, f"may be {one.label} or {competitor.label}", one.part.recognition.confidence, model)
     pose = fit.cyclopean_from_part

@@ -1,13 +1,9 @@
-"""Which of two parts at one place the images support: taught ones, and near-duplicates that nobody taught (a mirror
-image, one with a tip the other way, one with a cut corner whole, one with a corner cut off); and whether the length of
-a part that leaves the image is proven.
+"""Near-duplicates of a part that nobody taught: its mirror image, one with a tip the other way, one with a cut corner
+whole, one with a corner cut off.
 
-In: what both parts show, edge sample by edge sample. Out: nats. Edges that both parts have decide nothing. A part of
-which one face shows has few edges, all of them another part's; a part with one edge more, which is there, is the
-likelier one, however much the others weigh in either. Where all edges along a part leave the image, longer and shorter
-parts fit as well, and no name is proven; an edge that ends in view, or an end of the part that does, gives the length.
-Near-duplicates are solids in the part's frame, laid where they keep most of it; for corners that may be cut, what both
-images show along its edges says where.
+In: a solid at its pose, what both images show along its edges. Out: solids in the part's frame, where they keep most of
+it; for corners that may be cut, what both images show along its edges says where. Whether one of them fits better is
+counter_evidence.py's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,85 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.edge_places import STEP, EdgePlaces
-from daemon.vision.geometry import Polyhedron, SolidBatch, exact, with_rings
-from daemon.vision.hypotheses import in_sizes, pixels
+from daemon.vision.geometry import Polyhedron, exact, with_rings
 from daemon.vision.image import StereoImages
 from daemon.vision.model import mirror_images
-from daemon.vision.refine import EdgeSamples, edge_samples_of
-from daemon.vision.settings import TOLERANCE_MM
-
-ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so nearly the same way
-SAME_PX = 2.0  # an edge no farther off shows by the same slopes
-BY_OUTLINE_PX = (0.0, 0.0)
-"""Near-duplicates differ by thin facets, which change the outline by what they stick out: none is too thin here. The
-near-duplicates of right names in the tuned-on looks then lead by 4.1 nats at most instead of 12."""
-LEAST_APART = 1.5
-"""Nats by which the edges that a part alone has must speak more for it than those that only another part, laid on the
-same place, has speak for that: less leaves the name open, however little the other would be believed. Of 99 names that
-edges give parts with near-duplicates that differ in a side this leaves 89 right and one wrong; of 184 without 182."""
-
-
-def by_own_edges(one: Sequence[EdgeSamples], other: Sequence[EdgeSamples]) -> float:
-    """Log likelihood ratio, in nats, of two hypotheses from the edges in either camera that only one of them has."""
-    return sum(_alone(a, b) - _alone(b, a) for a, b in zip(one, other, strict=True))
-
-
-def _alone(one: EdgeSamples, other: EdgeSamples) -> float:
-    """Nats of the stretches of one's edges on which none of the other lies."""
-    edges, others = one.edges, other.edges
-    way, along = (each.end - each.start for each in (edges, others))
-    way_unit, unit = (each / np.linalg.norm(each, axis=1)[:, None] for each in (way, along))
-    count = one.surprise.shape[1]
-    at = edges.start[:, None] + ((np.arange(count) + 0.5) / count)[:, None] * way[:, None]
-    away = at[:, :, None] - others.start
-    ahead, aside = (away * unit).sum(3), away[..., 0] * unit[:, 1] - away[..., 1] * unit[:, 0]
-    on = (ahead > -SAME_PX) & (ahead < others.lengths_px + SAME_PX) & (np.abs(aside) < SAME_PX)
-    shared = (on & (np.abs(way_unit @ unit.T) > ALONG)[:, None]).any(2)
-    return float(one.nats_of(~shared).sum())
-
-
-def cut_off(solid: Polyhedron, pose: Array, images: StereoImages) -> bool:
-    """Whether a part at cyclopean_from_part (4, 4) leaves the picture of either camera."""
-    most = np.array(images.rig.image_size) - 1
-    seen = pixels(frames.apply(pose, solid.corners_mm), images.geometry)
-    return any(bool(((px < 0) | (px > most)).any()) for px in seen)
-
-
-def ahead_of_sizes(
-    solid: Polyhedron, pose: Array, seen: Sequence[EdgeSamples], images: StereoImages, tolerance_mm: float
-) -> float:
-    """Log likelihood ratio, in nats, of a part at a pose (4, 4) against the same part longer or shorter, whichever is
-    nearest, from both cameras."""
-    sizes = in_sizes(solid)
-    laid = SolidBatch.of(sizes)
-    both = edge_samples_of(laid, images, pose[None].repeat(len(sizes), 0), tolerance_mm)
-    return min(by_own_edges(seen, [one.only(k, laid) for one in both]) for k in range(len(sizes)))
-
-
-class DuplicateLead(NamedTuple):
-    """By how many nats a near-duplicate fits better than a part, 0 where none does; how it differs, in words."""
-
-    nats: float = 0.0
-    how: str = ""
-
-
-def duplicate_lead(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> DuplicateLead:
-    """What the edges that only a near-duplicate has speak more for it than those that only the part has speak for that,
-    at cyclopean_from_part (4, 4), whichever near-duplicate is ahead; both: what both images show along its edges."""
-    others = near_duplicates(solid, pose, images, both)
-    if not others:
-        return DuplicateLead()
-    laid = SolidBatch.of([solid, *(one.solid for one in others)])
-    poses = pose[None].repeat(len(others) + 1, 0)
-    shown = edge_samples_of(laid, images, poses, TOLERANCE_MM, BY_OUTLINE_PX)
-    own, *theirs = ([seen.only(k, laid) for seen in shown] for k in range(len(others) + 1))
-    ahead = [by_own_edges(seen, own) for seen in theirs]
-    best = int(np.argmax(ahead))
-    return DuplicateLead(ahead[best], others[best].how) if ahead[best] > 0 else DuplicateLead()
-
 
 MIRRORED = 2
 """Mirror images that are held against a part. With one five of twelve near-duplicates that kept their names are found,
@@ -120,7 +42,7 @@ class NearDuplicate(NamedTuple):
     """A solid that is nearly another one, and how it differs, in words."""
 
     solid: Polyhedron
-    how: str
+    difference: str
 
 
 def near_duplicates(
@@ -134,7 +56,7 @@ def near_duplicates(
         ("with a cut corner whole", completed_corners(solid)),
         ("with a corner cut off", cut_corners(solid, both)),
     )
-    return [NearDuplicate(one, how) for how, solids in kinds for one in solids]
+    return [NearDuplicate(one, difference) for difference, solids in kinds for one in solids]
 
 
 def _mirrored(solid: Polyhedron, pose: Array, images: StereoImages) -> list[Polyhedron]:

@@ -29,8 +29,8 @@ from daemon.vision.refine import (
     Fit,
     aligned_to_edges,
     edge_samples_of,
-    facets_laid,
-    fit_at,
+    facets_from_edges,
+    refine_from_pose,
 )
 from daemon.vision.values import Facet
 
@@ -47,16 +47,17 @@ in those looks that were worth -2 and more without it, 288 of 295 true ones lay 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; left_px (K, 2): its corners in the left camera; tries: of how many
-    at one guess it is the best; rests: whether it lies on the table, where that is seen."""
+    evidence and their fraction of what there could be; left_px (K, 2): its corners in the left camera; tested: of how
+    many poses at one guess it is the best; rests: whether it lies on the table, where that is seen."""
 
+    search: Search
     label: str
     solid: Polyhedron
     pose: Array
     seen: tuple[EdgeSamples, EdgeSamples]
     evidence: EdgeEvidence
     left_px: Array
-    tries: float = 1.0
+    tested: float = 1.0
     rests: bool | None = None
 
     @cached_property
@@ -67,11 +68,17 @@ class RegisteredPart:
     @property
     def odds(self) -> float:
         """Log odds of its being there by its edges alone, before all guesses that were made share them."""
-        by_edges = BY_NATS * self.evidence.nats + BY_WHOLE * max(self.evidence.share, 0.0) ** 3 + ELSE
-        return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
+        by_edges = BY_NATS * self.evidence.nats + BY_WHOLE * max(self.evidence.fraction, 0.0) ** 3 + ELSE
+        return by_edges - float(np.log(self.tested)) + ON_TABLE[self.rests]
 
-    def without_hidden(self, images: StereoImages) -> RegisteredPart:
+    @cached_property
+    def measured(self) -> MeasuredPart:
+        """The part where its edges have it, measured once."""
+        return measure_at(self.solid, self.pose, self.search.images, self.search.model, self.seen)
+
+    def without_hidden(self) -> RegisteredPart:
         """The same without the stretches of its edges that something nearer hides."""
+        images = self.search.images
         hidden = hidden_of(self.solid, self.pose, images, edge_places(self.solid, self.pose, images))
         if not any(one.any() for one in hidden):
             return self
@@ -91,17 +98,17 @@ def _but_for(seen: EdgeSamples, solid: Polyhedron, hidden: Flags) -> EdgeSamples
     return replace(seen, visible=seen.visible & ~own)
 
 
-def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
+def register_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
     laid = SolidBatch.of([search.model.metric[one.label].solid for one in likely])
     tolerance = search.model.parameters.tolerance_mm
     poses = aligned_to_edges(laid, search.images, np.stack([one.pose for one in likely]), tolerance)
-    yield from registered_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
+    yield from register_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
 
 
-def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
+def register_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
     """Parts laid where they are said to be."""
     images, model, ground = search.images, search.model, search.ground
     solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
@@ -112,7 +119,7 @@ def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
         rests = None if ground is None else lies_on_support(ground, solid, pose)
-        yield RegisteredPart(one.label, solid, pose, own, EdgeEvidence.of(own), left_px[k], one.tries, rests)
+        yield RegisteredPart(search, one.label, solid, pose, own, EdgeEvidence.of(own), left_px[k], one.tested, rests)
 
 
 class MeasuredPart(NamedTuple):
@@ -125,13 +132,13 @@ class MeasuredPart(NamedTuple):
     edges: tuple[EdgeObservation, EdgeObservation]
 
 
-def measured_at(
+def measure_at(
     solid: Polyhedron, pose: Array, images: StereoImages, model: Model, samples: Sequence[EdgeSamples] = ()
 ) -> MeasuredPart:
     """A part measured that is near a pose (4, 4) cyclopean_from_part; samples: what stretches show at the pose, where
     that was asked already."""
-    fit, observed = fit_at(solid, images, pose, model.parameters.tolerance_mm, samples)
-    laid = facets_laid(solid, observed)
-    facets = triangulate([(one.left, one.right) for one in laid], images.geometry)
-    numbers = [one.index for one in laid]
+    fit, observed = refine_from_pose(solid, images, pose, model.parameters.tolerance_mm, samples)
+    outlined = facets_from_edges(solid, observed)
+    facets = triangulate([(one.left, one.right) for one in outlined], images.geometry)
+    numbers = [one.index for one in outlined]
     return MeasuredPart(fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library), observed)

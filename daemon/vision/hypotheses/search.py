@@ -83,19 +83,19 @@ class Search:
 
 
 class EdgeHypothesis(NamedTuple):
-    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tested at one guess."""
 
     label: str
     pose: Array
-    tries: float = 1.0
+    tested: float = 1.0
 
 
 class RankedHypotheses(NamedTuple):
-    """The likeliest parts and places, of how many; what there was no time to ask; and competing: other parts that could
-    be at those places, which matter only where one of the likeliest may be named."""
+    """The likeliest parts and places, of how many tested; what there was no time to ask; and competing: other parts
+    that could be at those places, which matter only where one of the likeliest may be named."""
 
     likely: Sequence[EdgeHypothesis]
-    tests: int
+    tested: int
     left_out: tuple[str, ...] = ()
     competing: Sequence[EdgeHypothesis] = ()
 
@@ -126,16 +126,16 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
     if spent() > SEARCHED:
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.images.geometry
-    posed, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
+    posed, hinges, tested = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
     more, nats = _by_circles(search)
     more_hinges = np.zeros((len(nats), 2, 3))
     if not search.uncluttered:
         others, other_hinges = _by_facets(search)
         more, more_hinges = more.and_also(others), np.concatenate([more_hinges, other_hinges])
-    tests, further = tests + len(more.part), np.zeros(len(posed.part) + len(more.part))
+    tested, further = tested + len(more.part), np.zeros(len(posed.part) + len(more.part))
     further[len(posed.part) : len(posed.part) + len(nats)] = nats
     posed, hinges = posed.and_also(more), np.concatenate([hinges, more_hinges])
-    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent, further)
+    return _likeliest(search, *_laid_down(search, posed, hinges), tested, spent, further)
 
 
 def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
@@ -166,15 +166,15 @@ def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedH
     if search.ground is None or spent() > SEARCHED:
         return RankedHypotheses([], 0)
     solids, geometry = taught_solids(search.model), search.images.geometry
-    posed, tests = poses_on_support(search.corners, geometry, search.maps, search.ground.table, solids)
-    return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
+    posed, tested = poses_on_support(search.corners, geometry, search.maps, search.ground.table, solids)
+    return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tested, spent)
 
 
 def _likeliest(
     search: Search,
     posed: PoseBatch,
     hinges: Array,
-    tests: int,
+    tested: int,
     spent: Callable[[], float],
     further: Array | float = 0.0,
 ) -> RankedHypotheses:
@@ -194,8 +194,8 @@ def _likeliest(
     kept, competing = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         note = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
-        return RankedHypotheses(kept[:FEWEST_LAID], tests, (note,))
-    return RankedHypotheses(kept, tests, competing=competing)
+        return RankedHypotheses(kept[:FEWEST_LAID], tested, (note,))
+    return RankedHypotheses(kept, tested, competing=competing)
 
 
 def varied_guesses(guesses: ScoredPoses) -> Index:
@@ -206,7 +206,7 @@ def varied_guesses(guesses: ScoredPoses) -> Index:
     return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
-def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[EdgeHypothesis], list[EdgeHypothesis]]:
+def _worth(guesses: ScoredPoses, tested: Array, search: Search) -> tuple[list[EdgeHypothesis], list[EdgeHypothesis]]:
     """The best guesses, a few at each place, for which nearly as much speaks as for the best there, of two parts at
     least where two could be there; and beyond these the best of each other part."""
     kept, competing, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
@@ -218,7 +218,7 @@ def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[Edg
         own = theirs.count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
             among = kept if len(there) < PER_PLACE or (own == 0 and len(set(theirs)) == 1) else competing
-            among.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
+            among.append(EdgeHypothesis(label, posed.poses[k], float(tested[k])))
             shapes.append((shape, against, label))
         if len(shapes) == MOST:
             break
@@ -299,7 +299,7 @@ FARTHER_MM, TILT = 5.0, np.radians(7.0)
 def best_turned(
     guesses: ScoredPoses, hinges: Array, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
 ) -> tuple[ScoredPoses, Array]:
-    """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
+    """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tested each is
     the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns
     about, cyclopean, no direction where there is none. What speaks against guesses is less the evidence of the maps."""
     few = thinned(guesses)

@@ -2,16 +2,16 @@
 
 from daemon.vision.refine.edge_adjustment import PRIOR, WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
-    LaidFacet,
-    edge_support,
-    edges_vanished,
-    facets_laid,
-    facets_shown,
-    fit_at,
-    fit_each,
-    fit_edges,
-    refined_pose,
-    shown,
+    OutlinedFacet,
+    clear_edge_fraction,
+    count_visible_facets,
+    facets_from_edges,
+    fit_by_each_camera,
+    fit_by_edges,
+    outline_coverage,
+    refine_from_pose,
+    refine_or_reject,
+    vanished_edge_fraction,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import (
@@ -25,7 +25,7 @@ from daemon.vision.refine.expected_edges import (
     across,
     turned,
 )
-from daemon.vision.refine.following import Fit, refit
+from daemon.vision.refine.following import Fit, fit_to_facets
 from daemon.vision.refine.rim_samples import RimSeen, rims_seen
 
 __all__ = [
@@ -41,22 +41,22 @@ __all__ = [
     "EdgeSamples",
     "ExpectedEdges",
     "Fit",
-    "LaidFacet",
+    "OutlinedFacet",
     "RimSeen",
     "across",
     "aligned_to_edges",
+    "clear_edge_fraction",
+    "count_visible_facets",
     "edge_samples_of",
-    "edge_support",
-    "edges_vanished",
-    "facets_laid",
-    "facets_shown",
-    "fit_at",
-    "fit_each",
-    "fit_edges",
+    "facets_from_edges",
+    "fit_by_each_camera",
+    "fit_by_edges",
+    "fit_to_facets",
+    "outline_coverage",
+    "refine_from_pose",
+    "refine_or_reject",
     "refined_parts",
-    "refined_pose",
-    "refit",
     "rims_seen",
-    "shown",
     "turned",
+    "vanished_edge_fraction",
 ]

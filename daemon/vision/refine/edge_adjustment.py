@@ -22,7 +22,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry import LeastSquaresFit, Polyhedron, SolidBatch, excess_of, solve, whitener
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
-from daemon.vision.refine.expected_edges import EdgeObservation, expected, measured
+from daemon.vision.refine.expected_edges import EdgeObservation, measure_edges, project_edges
 from daemon.vision.refine.rim_samples import RimPlace, rim_places
 from daemon.vision.values import Part
 
@@ -54,7 +54,7 @@ class AdjustedPose:
     motion: Array
 
 
-def adjusted(
+def adjust_pose(
     shape: Polyhedron,
     pose: Array,
     observed: Sequence[EdgeObservation],
@@ -215,15 +215,15 @@ def _adjusted(
     found: list[AdjustedPose | None] = [None] * len(shapes)
     if not shapes:
         return found
-    laid, poses, open_ = SolidBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
+    solids, poses, open_ = SolidBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
-        both = measured(expected(laid, images, poses, open_, tolerance_mm), images, on_place=turn == 0)
+        both = measure_edges(project_edges(solids, images, poses, open_, tolerance_mm), images, on_place=turn == 0)
         for k in np.flatnonzero(open_).tolist():
-            observed = [seen.only(k, laid) for seen in both]
+            observed = [seen.only(k, solids) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
             if open_[k]:
                 rims = rim_places(shapes[k], poses[k], images, tolerance_mm) if shapes[k].holes else []
-                found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm, rims=rims)
+                found[k] = one = adjust_pose(shapes[k], poses[k], observed, tolerance_mm, rims=rims)
                 open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
                 poses[k] = one.pose
         if not open_.any():

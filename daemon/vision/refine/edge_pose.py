@@ -4,6 +4,22 @@ Two faces in the same light melt into one outline, and no facet is found; whoeve
 lies knows which edges each camera should see, and measures those. Pure: cameras, a shape and a near pose in, a pose
 out. Whether that is enough for a name is by_edges.py's; what to make of a part that is not there is the cycle's
 business.
+
+| function | starts from | searches | fits rims of holes | returns | if the edges are not there |
+| --- | --- | --- | --- | --- | --- |
+| `locate_by_edges` | a pose within reach_mm | the reach | no | pose and measured edges | None |
+| `fit_by_edges` | a pose within reach_mm | the reach | yes | pose and covariance | None |
+| `fit_by_each_camera` | a pose within reach_mm | the reach | no | as fit_by_edges, from each camera | None |
+| `refine_from_pose` | a pose right to a px | no | yes | pose, covariance, measured edges | stays at the pose |
+| `refine_or_reject` | a pose right to a px, else within reach_mm | if need be | yes | pose, covariance | None |
+| `clear_edge_fraction` | a pose within reach_mm | the reach | no | how surely the part is there | 0 |
+| `vanished_edge_fraction` | a pose within reach_mm | the reach | no | how surely it was there and is gone | 0 |
+| `outline_coverage` | a pose that stays | across each edge | no | how much of the outline has edges near it | 0 |
+| `count_visible_facets` | a pose that stays | no | no | how many facets both cameras show | 0 |
+| `facets_from_edges` | measured edges | no | no | the facets' corners in either camera | no facet |
+
+Beside these: `edge_adjustment.adjust_pose` solves one such fit, `edge_adjustment.refined_parts` fits parts that facets
+named, `edge_samples.aligned_to_edges` moves many poses at once, `following.fit_to_facets` fits to corners of facets.
 """
 
 from collections.abc import Sequence
@@ -15,7 +31,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, SolidBatch, chi_square_limit, solve, thickness, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, probe_sides
-from daemon.vision.refine.edge_adjustment import PRIOR, adjusted
+from daemon.vision.refine.edge_adjustment import PRIOR, adjust_pose
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import (
     LEAST_EVIDENCE,
@@ -26,11 +42,11 @@ from daemon.vision.refine.expected_edges import (
     EdgeObservation,
     ExpectedEdges,
     across,
-    expected,
-    measured,
+    measure_edges,
     moved,
     nothing_found,
     off_places,
+    project_edges,
     visible_stretches,
 )
 from daemon.vision.refine.following import Fit
@@ -99,7 +115,7 @@ class Located:
 
 
 @dataclass(frozen=True, eq=False)
-class LaidFacet:
+class OutlinedFacet:
     """A facet of a shape that both cameras have in view: its index, and its corners in either camera."""
 
     index: int
@@ -107,28 +123,28 @@ class LaidFacet:
     right: MeasuredCorners
 
 
-def locate(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Located | None:
+def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Located | None:
     """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
     None where too few edges show for that.
 
     Source: edges searched for across their expected places, the pose by least squares on their ends (as Harris's
     RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    laid, poses = SolidBatch.of([shape]), near[None]
+    solids, poses = SolidBatch.of([shape]), near[None]
     for share in ROUGHLY:
         rough = [
-            _searched(edges, view, reach_mm * share)
-            for edges, view in zip(_expected(laid, images, poses), images.views, strict=True)
+            _search_edges(edges, view, reach_mm * share)
+            for edges, view in zip(_project_unhidden_edges(solids, images, poses), images.views, strict=True)
         ]
-        shown_share = _share(rough, [seen.there for seen in rough])
+        fraction = _fraction_of_length(rough, [seen.there for seen in rough])
         poses = moved(poses, solved_motion(rough, poses[0], near, reach_mm)[0][None])
-    if shown_share < HOPELESS:
+    if fraction < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
-        left, right = measured(_expected(laid, images, poses), images)
+        left, right = measure_edges(_project_unhidden_edges(solids, images, poses), images)
         motion, information = solved_motion((left, right), poses[0], near, reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
-        if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
+        if turn and not still and _fraction_of_length((left, right), (left.on_place, right.on_place)) < HOPELESS:
             return None
         if still or turn == MOST_ROUNDS - 1:
             break
@@ -136,91 +152,93 @@ def locate(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float
     return Located(shape, poses[0], (left, right), information)
 
 
-def _expected(
-    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
+def _project_unhidden_edges(
+    solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> tuple[ExpectedEdges, ExpectedEdges]:
     """What the left and the right camera should see of one placement: the edges that the part itself does not hide."""
-    both = expected(laid, images, poses, np.ones(1, bool), tolerance_mm)
-    if laid.shapes[0].convex:
+    both = project_edges(solids, images, poses, np.ones(1, bool), tolerance_mm)
+    if solids.shapes[0].convex:
         return both
     left, right = (
         edges.only(
-            np.flatnonzero(visible_stretches(laid, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW),
-            laid.corners_of(0),
+            np.flatnonzero(
+                visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW
+            ),
+            solids.corners_of(0),
         )
         for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True)
     )
     return left, right
 
 
-def fit_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
-    """The pose at which `locate` finds the part, with its covariance.
+def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
+    """The pose at which `locate_by_edges` finds the part, with its covariance.
 
     None where a camera shows too few of the edges it should see, or they are too faint to be the part's, or leave the
     pose open. Fit.matched counts edges.
     """
-    found = locate(shape, images, near, reach_mm)
-    return None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found, images)
+    found = locate_by_edges(shape, images, near, reach_mm)
+    return None if found is None or _clear_fraction(found, images) < LEAST_CLEAR else fit_from_located(found, images)
 
 
-def fit_each(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
+def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
     """As fit_edges, but what each camera says by itself, for cameras whose places against each other are in doubt."""
-    found = locate(shape, images, near, reach_mm)
-    whole = None if found is None or clear_share(found, images) < LEAST_CLEAR else fit_of(found, images)
+    found = locate_by_edges(shape, images, near, reach_mm)
+    whole = None if found is None or _clear_fraction(found, images) < LEAST_CLEAR else fit_from_located(found, images)
     if found is None or whole is None:
         return None
-    alone = (adjusted(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
+    alone = (adjust_pose(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
     left, right = (replace(whole, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
     return left, right
 
 
-def fit_of(found: Located, images: StereoImages) -> Fit | None:
+def fit_from_located(found: Located, images: StereoImages) -> Fit | None:
     """The located pose moved a last time, by its edges and the rims of its holes, with its covariance, if so much of
     its outline is on its place in both cameras."""
-    if not _supported(found):
+    if not _is_supported(found):
         return None
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
     residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
-    final = adjusted(found.shape, found.pose, found.observed, TOLERANCE_MM)
+    final = adjust_pose(found.shape, found.pose, found.observed, TOLERANCE_MM)
     for _ in range(RIM_ROUNDS if found.shape.holes else 0):
         there = rim_places(found.shape, final.pose, images, TOLERANCE_MM)
         rims = [rim._replace(off_px=rim.off_px + rim.jacobian @ final.motion) for rim in there]
-        final = adjusted(found.shape, found.pose, found.observed, TOLERANCE_MM, rims=rims)
+        final = adjust_pose(found.shape, found.pose, found.observed, TOLERANCE_MM, rims=rims)
     return Fit(final.pose, final.covariance, residual_mm, len(off_px))
 
 
-def _supported(found: Located) -> bool:
+def _is_supported(found: Located) -> bool:
     """Whether so much of a part's outline is on its place in both cameras that they hold its pose."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
-    shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
+    shares = map(_outline_fraction, (seen.edges for seen in found.observed), on_place)
     if min(shares) < LEAST_OUTLINE:
         return False
     return bool(np.linalg.cond(found.information * np.outer(SCALE, SCALE)) <= SAFE_CONDITION)
 
 
-def fit_at(
+def refine_from_pose(
     shape: Polyhedron, images: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
-    """Refine a pose cyclopean_from_part (4, 4) that is right to a pixel; return the fit, as refined_pose() has it,
+    """Refine a pose cyclopean_from_part (4, 4) that is right to a pixel; return the fit, as refine_or_reject() has it,
     and the measured edges. samples: of the stretches at the pose, if already taken.
 
     Print beside edges leads lines astray, from one measurement to the next all the way to another minimum; of stretches
     by themselves most stay on their edges, so that these hold the part where they have it. A part that its lines lead
     farther than PRIOR allows, or out of both pictures, stays at the pose.
     """
-    laid = SolidBatch.of([shape])
-    known = samples or edge_samples_of(laid, images, pose[None], tolerance_mm)
+    solids = SolidBatch.of([shape])
+    known = samples or edge_samples_of(solids, images, pose[None], tolerance_mm)
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in known), np.zeros((6, 6)))
     stays = Fit(pose, BY_PRIOR, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
-        left, right = measured(_expected(laid, images, pose[None], tolerance_mm), images)
+        left, right = measure_edges(_project_unhidden_edges(solids, images, pose[None], tolerance_mm), images)
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
         rims = rim_places(shape, pose, images, tolerance_mm)
-        final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rims)
+        final = adjust_pose(shape, pose, (left, right), tolerance_mm, anchor, rims)
         pose = final.pose
         led = frames.difference(pose, anchor[0])
         if led @ PRIOR @ led > FARTHEST_CHI2:
@@ -232,52 +250,54 @@ def fit_at(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def refined_pose(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
+def refine_or_reject(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
     """Refine a pose cyclopean_from_part (4, 4) that is probably right but may be off by up to reach_mm, by edges, arcs
     and rims; None if the images do not confirm it."""
-    fit = _refined_at(shape, images, near)
-    if fit is None and (found := locate(shape, images, near, reach_mm)) is not None:
-        fit = _refined_at(shape, images, found.pose)
+    fit = _refine_at(shape, images, near)
+    if fit is None and (found := locate_by_edges(shape, images, near, reach_mm)) is not None:
+        fit = _refine_at(shape, images, found.pose)
     return fit
 
 
-def _refined_at(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
-    laid = SolidBatch.of([shape])
-    pose = aligned_to_edges(laid, images, near[None], TOLERANCE_MM)[0]
-    samples = edge_samples_of(laid, images, pose[None], TOLERANCE_MM)
-    if EdgeEvidence.of(samples).share < LEAST_SHARE:
+def _refine_at(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
+    solids = SolidBatch.of([shape])
+    pose = aligned_to_edges(solids, images, near[None], TOLERANCE_MM)[0]
+    samples = edge_samples_of(solids, images, pose[None], TOLERANCE_MM)
+    if EdgeEvidence.of(samples).fraction < LEAST_SHARE:
         return None
-    fit, _ = fit_at(shape, images, pose, TOLERANCE_MM, samples)
+    fit, _ = refine_from_pose(shape, images, pose, TOLERANCE_MM, samples)
     return fit if fit.matched else None
 
 
-def shown(shape: Polyhedron, images: StereoImages, pose: Array, reach_mm: float) -> float:
+def outline_coverage(shape: Polyhedron, images: StereoImages, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both cameras have edges, within reach_mm;
     0 where a camera does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    both = zip(_expected(SolidBatch.of([shape]), images, pose[None]), images.views, strict=True)
-    return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
+    both = zip(_project_unhidden_edges(SolidBatch.of([shape]), images, pose[None]), images.views, strict=True)
+    return min(_outline_fraction(edges, _search_edges(edges, view, reach_mm).there) for edges, view in both)
 
 
-def edge_support(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> float:
+def clear_edge_fraction(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> float:
     """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
     where too few of them show on their place."""
-    found = locate(shape, images, near, reach_mm)
-    return 0.0 if found is None or not _supported(found) else clear_share(found, images)
+    found = locate_by_edges(shape, images, near, reach_mm)
+    return 0.0 if found is None or not _is_supported(found) else _clear_fraction(found, images)
 
 
-def edges_vanished(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
+def vanished_edge_fraction(
+    shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float
+) -> float:
     """How surely a part lay within some reach_mm of `near` (4, 4) cyclopean_from_part before, and does no longer: the
     share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
     """
-    found = locate(shape, before, near, reach_mm)
-    if found is None or not _supported(found):
+    found = locate_by_edges(shape, before, near, reach_mm)
+    if found is None or not _is_supported(found):
         return 0.0
-    now = measured([seen.edges for seen in found.observed], after)
+    now = measure_edges([seen.edges for seen in found.observed], after)
     then, still = (
-        [_clear(seen, view) for seen, view in zip(observed, images.views, strict=True)]
+        [_clear_edges(seen, view) for seen, view in zip(observed, images.views, strict=True)]
         for observed, images in ((found.observed, before), (now, after))
     )
-    return _share(found.observed, [was & ~stays for was, stays in zip(then, still, strict=True)])
+    return _fraction_of_length(found.observed, [was & ~stays for was, stays in zip(then, still, strict=True)])
 
 
 def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flags:
@@ -292,7 +312,7 @@ def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flag
     return found
 
 
-def facets_shown(shape: Polyhedron, images: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
+def count_visible_facets(shape: Polyhedron, images: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) the pictures show, by what either camera has along its
     edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
     in_view = facets_in_view(shape, images, pose)
@@ -303,7 +323,7 @@ def facets_shown(shape: Polyhedron, images: StereoImages, pose: Array, both: Seq
         _sides_of(shape, here, seen) & ~_sides_of(shape, of_both, seen)
         for here, seen in zip(in_view, both, strict=True)
     ]
-    alone = EdgeEvidence.of(both, own).share > LEAST_SHOWN
+    alone = EdgeEvidence.of(both, own).fraction > LEAST_SHOWN
     return int((in_view.any(0) if alone else of_both).sum())
 
 
@@ -322,26 +342,26 @@ def _mostly_in(ring_px: Array, images: StereoImages) -> bool:
     return bool(((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN)
 
 
-def clear_share(found: Located, images: StereoImages) -> float:
+def _clear_fraction(found: Located, images: StereoImages) -> float:
     """Fraction of the edge length in both cameras that is found in place and stands out from the shading and the grain
     beside it."""
-    good = [_clear(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
-    return _share(found.observed, good)
+    good = [_clear_edges(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
+    return _fraction_of_length(found.observed, good)
 
 
-def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[LaidFacet]:
+def facets_from_edges(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[OutlinedFacet]:
     """Every facet that both cameras see, none of them edge-on: its corners from the sides that show where they should,
     and from the pose where they do not."""
     thick = [thickness(seen.edges.corners_px[shape.ring_table]) >= THIN_PX[1] for seen in observed]
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
         ring = shape.facets[index]
-        outlines = (_outline(ring, seen) for seen in observed)
-        found_facets.append(LaidFacet(index, *outlines))
+        outlines = (_likeliest_outline(ring, seen) for seen in observed)
+        found_facets.append(OutlinedFacet(index, *outlines))
     return found_facets
 
 
-def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeObservation:
+def _search_edges(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeObservation:
     """The strongest straight gradient within the reach of each edge."""
     count = len(edges.start)
     if not count:
@@ -373,19 +393,19 @@ def solved_motion(
     return found.unknowns[0], found.information[0]
 
 
-def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
+def _fraction_of_length(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
     """Of the length of all edges in both cameras, that of the good ones."""
     lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
     return float(lengths @ np.concatenate(good) / max(lengths.sum(), 1e-9))
 
 
-def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
+def _outline_fraction(edges: ExpectedEdges, good: Flags) -> float:
     """Of the length of the outline in one camera, that of the good edges; 0 where none of it is in view."""
     lengths = edges.lengths_px * edges.outline
     return float(lengths[good].sum()) / float(lengths.sum()) if lengths.sum() > 0 else 0.0
 
 
-def _clear(seen: EdgeObservation, view: CameraImage) -> Flags:
+def _clear_edges(seen: EdgeObservation, view: CameraImage) -> Flags:
     """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
     if seen.sides is None or not len(seen.off):
         return np.zeros(len(seen.off), bool)
@@ -393,7 +413,7 @@ def _clear(seen: EdgeObservation, view: CameraImage) -> Flags:
     return np.asarray(seen.on_place & (sigmas > LEAST_SIGMAS))
 
 
-def _outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
+def _likeliest_outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
     """Most likely corners given the model and the sides that were found, each doubted by as much as Student's t has it
     of a side that is so far off its place."""
     assert seen.sides is not None

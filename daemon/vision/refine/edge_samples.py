@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import SolidBatch, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, peak_places, peaks, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved, visible_stretches
+from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, moved, project_edges, visible_stretches
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""
@@ -74,8 +74,8 @@ class EdgeSamples:
     def nats_of(self, which: Flags) -> Array:
         """(E,) evidence of some of the stretches (E, S) of each edge against chance, those that are visible."""
         some = which & self.visible
-        share = some.sum(1) / np.maximum(self.visible.sum(1), 1)
-        return np.asarray(self.weight * share * (np.minimum(self._mean_surprise(some), MOST_SURPRISE) - 1))
+        fraction = some.sum(1) / np.maximum(self.visible.sum(1), 1)
+        return np.asarray(self.weight * fraction * (np.minimum(self._mean_surprise(some), MOST_SURPRISE) - 1))
 
     def _mean_surprise(self, which: Flags) -> Array:
         """(E,) over some of the stretches (E, S)."""
@@ -83,25 +83,26 @@ class EdgeSamples:
 
     def information(self, sigma_px: float) -> Array:
         """(6, 6) of the pose, in edges of which either end is off by sigma_px, as far as they show."""
-        shown = np.minimum(self.surprise.mean(1), MOST_SURPRISE) / MOST_SURPRISE
-        trust = self.edges.sharp * shown * np.where(self.edges.outline, 1.0, INNER)
+        showing = np.minimum(self.surprise.mean(1), MOST_SURPRISE) / MOST_SURPRISE
+        trust = self.edges.sharp * showing * np.where(self.edges.outline, 1.0, INNER)
         rows = self.edges.jacobian.reshape(-1, 6)
         return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
 
-    def only(self, placement: int, laid: SolidBatch) -> EdgeSamples:
+    def only(self, placement: int, solids: SolidBatch) -> EdgeSamples:
         """Those of one placement."""
-        if len(laid.shapes) == 1:
+        if len(solids.shapes) == 1:
             return self
         own = np.flatnonzero(self.edges.owner == placement)
-        edges = self.edges.only(own, laid.corners_of(placement))
+        edges = self.edges.only(own, solids.corners_of(placement))
         return EdgeSamples(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
 
 
 class EdgeEvidence(NamedTuple):
-    """What grey levels say of a part at a pose: nats of evidence against chance, and their share of the most."""
+    """What grey levels say of a part at a pose: nats of evidence against chance, and the fraction of the most
+    that there could be."""
 
     nats: float
-    share: float
+    fraction: float
 
     @classmethod
     def of(cls, both: Sequence[EdgeSamples], own: Sequence[Flags] | None = None) -> EdgeEvidence:
@@ -114,11 +115,11 @@ class EdgeEvidence(NamedTuple):
 
 
 def edge_samples_of(
-    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> list[EdgeSamples]:
     """What each camera shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for
     expected."""
-    both, sigmas = _slopes(laid, images, poses, tolerance_mm, thin_px)
+    both, sigmas = _slopes(solids, images, poses, tolerance_mm, thin_px)
     size = np.abs(sigmas)
     edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
     own = edge[..., _OFF <= ON_PLACE_PX].max(2)
@@ -130,35 +131,35 @@ def edge_samples_of(
     found, first = [], 0
     for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True):
         here = slice(first, first := first + len(edges.start))
-        visible = visible_stretches(laid, edges, poses, viewpoint_mm, sigmas.shape[1])
+        visible = visible_stretches(solids, edges, poses, viewpoint_mm, sigmas.shape[1])
         found.append(EdgeSamples(edges, sigmas[here], surprise[here], near[here] > 0, visible))
     return found
 
 
 def _slopes(
-    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> tuple[tuple[ExpectedEdges, ExpectedEdges], NDArray[np.float32]]:
     """The left and the right camera's expected edges, and the sigmas (E, S, C) of the slopes across their stretches,
     the left one's first."""
-    both = expected(laid, images, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
+    both = project_edges(solids, images, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
     start, end, bow = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end", "bow"))
     smooth = [(view.smooth, len(edges.start)) for view, edges in zip(images.views, both, strict=True)]
     # Outwards as across() has it, and back in the order of the edges.
     return both, stretch_slopes(smooth, end, start, REACH_PX, bow[:, ::-1])[:, ::-1]
 
 
-def aligned_to_edges(laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float) -> Array:
+def aligned_to_edges(solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float) -> Array:
     """The poses (P, 4, 4) moved to where the stretches of both cameras have the edges."""
     for rounds in ROUNDS_PX:
-        poses = _moved(laid, images, poses, tolerance_mm, rounds)
+        poses = _moved(solids, images, poses, tolerance_mm, rounds)
     return poses
 
 
 def _moved(
-    laid: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
+    solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
 ) -> Array:
     count = len(poses)
-    both, slopes = _slopes(laid, images, poses, tolerance_mm)
+    both, slopes = _slopes(solids, images, poses, tolerance_mm)
     if not len(slopes):
         return poses
     stretches = slopes.shape[1]

@@ -154,18 +154,18 @@ class EdgeObservation:
         ragged = np.where(self.edges.outline, 1.0, np.maximum(known_px * self.sides.evidence / RAGGED_PX, 1.0))
         return np.asarray((LINE_SIGMAS * ragged[:, None, None]) ** 2 * self.sides.covariance + MODEL_PX**2 * np.eye(2))
 
-    def only(self, placement: int, laid: SolidBatch) -> EdgeObservation:
+    def only(self, placement: int, solids: SolidBatch) -> EdgeObservation:
         """What was found of one placement's edges."""
-        if len(laid.shapes) == 1:
+        if len(solids.shapes) == 1:
             return self
         own = np.flatnonzero(self.edges.owner == placement)
-        edges = self.edges.only(own, laid.corners_of(placement))
+        edges = self.edges.only(own, solids.corners_of(placement))
         sides = None if self.sides is None else self.sides.chosen(own)
         return EdgeObservation(edges, self.off[own], self.doubt[own], self.there[own], sides)
 
 
-def expected(
-    laid: SolidBatch,
+def project_edges(
+    solids: SolidBatch,
     images: StereoImages,
     poses: Array,
     wanted: Flags,
@@ -175,41 +175,41 @@ def expected(
     """The edges of the facets that look at the left and the right camera, as far as they are inside its image, of the
     wanted (P,) of the placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one
     another."""
-    px, slope = corners_in([view.rectified.camera for view in images.views], poses, laid.corners_mm)
-    begins = laid.first_corners[:, None, None]
-    thick = np.full((2, len(poses), laid.rings.shape[1] + 1), -np.inf)
-    thick[..., :-1] = thickness(px[:, laid.rings + begins])
-    thick_px = thick[:, np.arange(len(poses))[:, None, None], laid.beside]
-    owner, edge = np.nonzero(laid.walls.any(2))
+    px, slope = corners_in([view.rectified.camera for view in images.views], poses, solids.corners_mm)
+    begins = solids.first_corners[:, None, None]
+    thick = np.full((2, len(poses), solids.rings.shape[1] + 1), -np.inf)
+    thick[..., :-1] = thickness(px[:, solids.rings + begins])
+    thick_px = thick[:, np.arange(len(poses))[:, None, None], solids.beside]
+    owner, edge = np.nonzero(solids.walls.any(2))
     if len(owner):
-        chords = laid.corners_mm[owner[:, None], laid.ends[owner, edge]]
-        turned_in = poses[owner, :3, :3] @ np.stack([laid.walls[owner, edge], chords.mean(1)], 2)
+        chords = solids.corners_mm[owner[:, None], solids.ends[owner, edge]]
+        turned_in = poses[owner, :3, :3] @ np.stack([solids.walls[owner, edge], chords.mean(1)], 2)
         for own, viewpoint_mm in zip(thick_px, images.geometry.cameras_mm, strict=True):
             ray = viewpoint_mm - poses[owner, :3, 3] - turned_in[..., 1]
             own[owner, edge, 1] = WALL_PX * (turned_in[..., 0] * ray).sum(1) / np.linalg.norm(ray, axis=1)
     facing = (thick_px >= thin_px[1]).sum(3)
     clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(3))
     camera, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
-    ends = (laid.ends + begins)[owner, edge]
+    ends = (solids.ends + begins)[owner, edge]
     start, end = px[camera, ends[:, 0]], px[camera, ends[:, 1]]
     first, last = shares_inside(start, end, images.rig.image_size)
-    least = np.where(laid.circles[owner, edge, 3] > 0, LEAST_ARC_PX, LEAST_LENGTH_PX)
+    least = np.where(solids.circles[owner, edge, 3] > 0, LEAST_ARC_PX, LEAST_LENGTH_PX)
     keep = (last - first) * np.hypot(*(end - start).T) >= least
     camera, owner, edge, ends, start, end = (each[keep] for each in (camera, owner, edge, ends, start, end))
     first, last, way = first[keep, None], last[keep, None], end - start
     normal = across(start, end)[:, None]
     share = np.concatenate([first, last], 1)
     sharp = clear[camera, owner, edge]
-    depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
+    depth_mm = (poses[:, 2, :3] * solids.middles_mm).sum(1) + poses[:, 2, 3]
     px_per_mm = np.array([view.rectified.focal_px for view in images.views])[camera] / depth_mm[owner]
     outline = (facing[camera, owner, edge] == 1) & sharp
-    bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
+    bisectors = (poses[owner, :3, :3] @ solids.bisectors[owner, edge][..., None])[..., 0]
     start, end = start + first * way, start + last * way
     bow, normals = np.zeros((len(owner), 3)), np.repeat(normal, 2, 1)
-    circles = laid.circles[owner, edge]
+    circles = solids.circles[owner, edge]
     (arcs,) = np.nonzero(circles[:, 3])
     if len(arcs):
-        on_arcs = _on_arcs(laid.corners_mm.reshape(-1, 3)[ends[arcs]], circles[arcs], share[arcs])
+        on_arcs = _on_arcs(solids.corners_mm.reshape(-1, 3)[ends[arcs]], circles[arcs], share[arcs])
         of_arcs = poses[owner[arcs]]
         cyclopean = on_arcs @ of_arcs[:, :3, :3].swapaxes(1, 2) + of_arcs[:, None, :3, 3]
         seen = [view.rectified.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in images.views]
@@ -230,11 +230,11 @@ def expected(
     return of_camera(slice(of_left), px[0]), of_camera(slice(of_left, None), px[1])
 
 
-def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array, count: int) -> Flags:
+def visible_stretches(solids: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array, count: int) -> Flags:
     """(E, S) which of so many stretches of each edge the part itself does not hide from a viewpoint_mm (3,)."""
     seen = np.ones((len(edges.start), count), bool)
-    shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
-    for k, solid in enumerate(laid.shapes):
+    shares, corners_mm = (np.arange(count) + 0.5) / count, solids.corners_mm.reshape(-1, 3)
+    for k, solid in enumerate(solids.shapes):
         own = np.flatnonzero(edges.owner == k)
         if solid.convex or not len(own):
             continue
@@ -273,7 +273,9 @@ def shares_inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Arra
     return first.max(0, initial=0.0), np.where(outside, -1.0, last.min(0, initial=1.0))
 
 
-def measured(both: Sequence[ExpectedEdges], images: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
+def measure_edges(
+    both: Sequence[ExpectedEdges], images: StereoImages, *, on_place: bool = False
+) -> list[EdgeObservation]:
     """Each edge's sub-pixel line, in both cameras. on_place: they are expected to half a px."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):

@@ -33,7 +33,7 @@ class Fit:
     matched: int
 
 
-def refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float = 12.0) -> Fit | None:
+def fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float = 12.0) -> Fit | None:
     """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
 
     Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
@@ -44,7 +44,7 @@ def refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: floa
     """
     known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
     while known:
-        fit = _refit(shape, known, near, gate_mm)
+        fit = _fit_to_facets(shape, known, near, gate_mm)
         if fit is not None:
             return fit
         known.remove(max(known, key=_vague_mm))
@@ -56,7 +56,7 @@ def _vague_mm(facet: Facet) -> float:
     return float(np.sqrt(np.trace(facet.covariance_mm2, axis1=1, axis2=2).max()))
 
 
-def _refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
+def _fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
     corners = np.concatenate([f.corners_mm for f in facets])
     whitens = whitener(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
     pose = near

@@ -131,8 +131,8 @@ def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as
             sought.append(args[-1])
             return float(shown(args[-1]))
 
-        monkeypatch.setattr(following, "edge_support", share)
-        monkeypatch.setattr(following, "edges_vanished", share)
+        monkeypatch.setattr(following, "clear_edge_fraction", share)
+        monkeypatch.setattr(following, "vanished_edge_fraction", share)
         for asked in (lambda: in_hand(target, look, mount, DOUBT), lambda: left_hand(target, look, look, mount, DOUBT)):
             sought.clear()
             assert asked() is (where != "none")
@@ -182,7 +182,7 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
 
 def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_of_what_moved(monkeypatch) -> None:
     """Each look has one part in one place; its facets stand for what the fit to them gives."""
-    monkeypatch.setattr(following, "refit", lambda shape, facets, *_, **__: facets)
+    monkeypatch.setattr(following, "fit_to_facets", lambda shape, facets, *_, **__: facets)
     monkeypatch.setattr(following, "sighted", lambda look, fit, *_: len(fit))
     monkeypatch.setattr(following.pose_fusion, "disagreement", lambda first, second, _: first + second)
 
@@ -212,7 +212,7 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     fit = Fit(frames.inverse(tool_from_cyclopean) @ seen, tight, 0.1, 9)
     found: list[Any] = []
     monkeypatch.setattr(
-        following, "refined_pose", lambda shape, stereo, near, reach: found.append((near, reach)) or fit
+        following, "refine_or_reject", lambda shape, stereo, near, reach: found.append((near, reach)) or fit
     )
     target: Any = SimpleNamespace(
         label="cube", shape=shape_of("cube"), tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
@@ -229,9 +229,9 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / (1e-4 + turn_variance), rel=0.05)
     shift, turned = frames.size(frames.difference(held.pose, grasped_at))
     assert (shift, np.degrees(turned)) == pytest.approx((mm / 1.01, deg * 1e-4 / (1e-4 + turn_variance)), rel=0.03)
-    monkeypatch.setattr(following, "refined_pose", lambda *_: None)
+    monkeypatch.setattr(following, "refine_or_reject", lambda *_: None)
     assert held_pose(target, look, mount, doubt) is None
-    monkeypatch.setattr(following, "refined_pose", lambda *_: fit)
+    monkeypatch.setattr(following, "refine_or_reject", lambda *_: fit)
     assert held_pose(target, look, replace(mount, alone="left"), doubt) is None
     target.estimate = None
     assert held_pose(target, look, mount, doubt) is None
@@ -243,7 +243,7 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     tool_from_cyclopean = frames.rigid(np.eye(3), np.array([0.0, 0.0, -100.0]))
     at, own = frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0])), np.diag([0.01] * 3 + [1e-6] * 3)
     fit = Fit(frames.inverse(tool_from_cyclopean) @ at, own, 0.1, 9)
-    monkeypatch.setattr(following, "refined_pose", lambda *_: fit)
+    monkeypatch.setattr(following, "refine_or_reject", lambda *_: fit)
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
     grasped_so = HeldPart("cube", at, own + np.diag([0.09] * 3 + [0.0] * 3))
@@ -297,7 +297,9 @@ def test_in_a_pair_of_one_camera_each_picture_says_where_the_part_is_and_the_arm
     truth, arm = rigid(np.eye(3), [5.0, -3.0, 300.0]), Doubt(arm_mm=0.1, arm_deg=0.03).arm()
     fits = [Fit(frames.perturb(truth, np.array([off, 0, 0, 0, 0, 0])), 0.01 * np.eye(6), 0.2, 8) for off in (0.1, -0.1)]
     asked: list[Any] = []
-    monkeypatch.setattr(following, "fit_each", lambda *about: asked.append(about) or (fits if shown else None))
+    monkeypatch.setattr(
+        following, "fit_by_each_camera", lambda *about: asked.append(about) or (fits if shown else None)
+    )
     pair: Any = SimpleNamespace(stereo="the pictures", rig=both, moved=SimpleNamespace(arm=arm))
     found = following.by_edges(shape_of("cube"), pair, truth, 7.0)
     assert [about[1:] for about in asked] == [("the pictures", truth, 7.0)]

@@ -13,8 +13,8 @@ import pytest
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.evidence import by_edges, registered
-from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_edges
-from daemon.vision.evidence.registered import RegisteredPart, registered_near
+from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, AcceptedHypotheses, named_by_edges
+from daemon.vision.evidence.registered import RegisteredPart, register_near
 from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import PlanarShape
@@ -94,9 +94,9 @@ def _in_both(facet):
 
 
 @cache
-def all_laid(name: str) -> tuple[RegisteredPart, ...]:
+def all_registered(name: str) -> tuple[RegisteredPart, ...]:
     there = scene(name)
-    return tuple(registered_near(there, hypotheses_from_junctions(there, lambda: 0.0).likely))
+    return tuple(register_near(there, hypotheses_from_junctions(there, lambda: 0.0).likely))
 
 
 def scene(name: str, groups: Sequence[Group] = ()) -> Search:
@@ -104,8 +104,8 @@ def scene(name: str, groups: Sequence[Group] = ()) -> Search:
     return Search(images, model(), groups, (), (edge_distances(images.left), edge_distances(images.right)), None)
 
 
-def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tests: int = 1000) -> float:
-    return by_edges.probability_of(by_edges.log_odds_of(one, scene("cube", groups), tests))
+def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tested: int = 1000) -> float:
+    return by_edges.probability_of(by_edges.log_odds_of(one, scene("cube", groups), tested))
 
 
 @pytest.mark.parametrize(
@@ -135,13 +135,13 @@ def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch
 def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it_is_believed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    best = max(all_laid("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
+    best = max(all_registered("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
     twin = replace(best, label="pyramid", evidence=best.evidence._replace(nats=0.1 * best.evidence.nats))
     fewer = replace(
         best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), evidence=EdgeEvidence(99.0, 1.0)
     )
     for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
-        monkeypatch.setattr(by_edges, "registered_near", lambda *_, others=others: iter(others))
+        monkeypatch.setattr(by_edges, "register_near", lambda *_, others=others: iter(others))
         assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == names
 
 
@@ -149,12 +149,12 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A pyramid lay there whole; the stripes printed on its base were edges of a prism, which hung beside the table."""
-    best = max(all_laid("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
+    best = max(all_registered("cube"), key=lambda one: one.evidence.nats if one.label == "cube" else 0.0)
     less_of_it = replace(best, seen=(less(best.seen[0]), best.seen[1]))
     rival = replace(best, label="pyramid", evidence=best.evidence._replace(nats=0.5 * best.evidence.nats))
     for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
         laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
-        monkeypatch.setattr(by_edges, "registered_near", lambda *_, laid=laid: iter(laid))
+        monkeypatch.setattr(by_edges, "register_near", lambda *_, laid=laid: iter(laid))
         assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == names
 
 
@@ -166,7 +166,7 @@ def less(seen: EdgeSamples) -> EdgeSamples:
 
 
 def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    good = max(all_registered("cube"), key=lambda one: one.evidence.nats)
     assert confidence(good) > 0.99
     assert confidence(replace(good, evidence=EdgeEvidence(5.0, 0.8))) == 0.0
     assert confidence(replace(good, evidence=EdgeEvidence(50.0, 0.3))) == 0.0
@@ -176,19 +176,19 @@ def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_part_that_is_sure_beyond_all_digits_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 144 looks at machined parts two ended in an error: 1 - confidence was nought."""
-    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    good = max(all_registered("cube"), key=lambda one: one.evidence.nats)
     sure = replace(good, evidence=EdgeEvidence(400.0, 1.0))
     assert confidence(sure) == 1.0
-    monkeypatch.setattr(by_edges, "registered_near", lambda *_: iter([sure]))
+    monkeypatch.setattr(by_edges, "register_near", lambda *_: iter([sure]))
     assert [one.label for one in named_by_edges(images_of("cube"), model(), []).named] == [sure.label]
 
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
     """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth."""
-    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(45.0, 1.0))
-    few, many = confidence(weak, tests=2000), confidence(weak, tests=32000)
+    weak = replace(max(all_registered("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(45.0, 1.0))
+    few, many = confidence(weak, tested=2000), confidence(weak, tested=32000)
     assert few / (1 - few) == pytest.approx(16 * many / (1 - many))
-    assert confidence(weak, tests=10**9) == 0.0
+    assert confidence(weak, tested=10**9) == 0.0
 
 
 def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_the_bar(
@@ -196,7 +196,11 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
 ) -> None:
     asked = list[int]()
     monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 7))
-    monkeypatch.setattr(by_edges, "_proven", lambda _, registered, tests, spent: asked.append(tests) or ([], [], ()))
+    monkeypatch.setattr(
+        by_edges,
+        "accept_hypotheses",
+        lambda _, registered, tested, spent: asked.append(tested) or AcceptedHypotheses([], []),
+    )
     two = replace(model(), views=tuple(view for view in model().views if view.label in ("cube", "pyramid")))
     for taught in (model(), two):
         named_by_edges(images_of("cube"), taught, [])
@@ -204,12 +208,12 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
 
 
 def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
-    images, good = images_of("cube"), max(all_laid("cube"), key=lambda one: one.evidence.nats)
-    weak = replace(good, evidence=EdgeEvidence(45.0, 0.7), tries=2.0)
-    tests = round(np.exp(weak.odds - 1.0))
-    anew = by_edges.undecided_poses([weak], tests, images)
+    images, good = images_of("cube"), max(all_registered("cube"), key=lambda one: one.evidence.nats)
+    weak = replace(good, evidence=EdgeEvidence(45.0, 0.7), tested=2.0)
+    tested = round(np.exp(weak.odds - 1.0))
+    anew = by_edges.undecided_poses([weak], tested, images)
     assert len(anew) > 1
-    assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
+    assert {one.tested for one in anew} == {weak.tested * (1 + len(anew))}
     strong = replace(weak, evidence=EdgeEvidence(100.0, 0.7))
     assert by_edges.undecided_poses([strong], 1, images) == [], "this one is sure"
 
@@ -217,7 +221,7 @@ def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
 def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_it_has_only_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    best = max((one for one in all_laid("pyramid") if one.label == "pyramid"), key=lambda one: one.evidence.nats)
+    best = max((one for one in all_registered("pyramid") if one.label == "pyramid"), key=lambda one: one.evidence.nats)
 
     def doubt(turned_deg: float) -> float:
         pose = best.pose @ frames.rigid(frames.rotation_from_vector(np.radians([turned_deg, 0.0, 0.0])), np.zeros(3))
@@ -225,13 +229,13 @@ def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_i
 
     little, turned = doubt(10.0), doubt(60.0)
     assert turned > 30 * little > 0, "as likely there"
-    monkeypatch.setattr(by_edges, "by_own_edges", lambda one, other: -60.0)
+    monkeypatch.setattr(by_edges, "lead_by_own_edges", lambda one, other: -60.0)
     assert doubt(10.0) == pytest.approx(little)
     assert doubt(60.0) < 1e-3 * turned
 
 
 def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(35.0, 0.9))
+    weak = replace(max(all_registered("cube"), key=lambda one: one.evidence.nats), evidence=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
     monkeypatch.setattr(by_edges, "self_similarity", lambda *_: 0.95)
     assert confidence(weak) < LEAST_CONFIDENCE
@@ -241,7 +245,7 @@ def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.Monkey
 def test_other_parts_are_laid_at_a_place_only_where_something_there_may_have_a_name(
     promising: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good = max(all_laid("cube"), key=lambda one: one.evidence.nats)
+    good = max(all_registered("cube"), key=lambda one: one.evidence.nats)
     one = good if promising else replace(good, evidence=EdgeEvidence(10.0, 0.3))
     rival = search.EdgeHypothesis("pyramid", good.pose)
     laid = by_edges.with_competing(scene("cube"), [one], [rival], 1000)
@@ -279,7 +283,7 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
 
 
 def test_little_evidence_names_a_part_that_lies_on_the_table_and_none_that_hangs_above_it() -> None:
-    good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.evidence.nats)
+    good = max((one for one in all_registered("cube") if one.label == "cube"), key=lambda one: one.evidence.nats)
     weak = replace(good, evidence=EdgeEvidence(34.0, 0.75))
     lies, nobody_knows, hangs = (replace(weak, rests=resting_planes) for resting_planes in (True, None, False))
     assert hangs.odds < nobody_knows.odds < lies.odds
@@ -319,7 +323,7 @@ def test_a_part_of_which_the_cameras_see_no_corner_together_is_named_where_it_re
 def below(name: str) -> TablePlane:
     """A table on which a part rests where it is."""
     solid = model().metric[name].solid
-    pose_of_model = next(one.pose for one in all_laid(name) if one.label == name)
+    pose_of_model = next(one.pose for one in all_registered(name) if one.label == name)
     down = resting_planes(solid)[:, :3] @ pose_of_model[:3, :3].T
     side = down[:, 2].argmax()
     return TablePlane(-down[side], float(resting_planes(solid)[side, 3] * -1 - down[side] @ pose_of_model[:3, 3]))
@@ -367,7 +371,7 @@ def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners()
     alone, with_facet = (
         hypotheses_from_junctions(scene("cube", groups), lambda: 0.0) for groups in ([], [merge_vertices([facet])])
     )
-    assert with_facet.tests == alone.tests + len(suspected_poses(facet, model())[0])
+    assert with_facet.tested == alone.tested + len(suspected_poses(facet, model())[0])
 
 
 @cache
@@ -387,10 +391,10 @@ def lone_facet(name: str) -> Recognised:
 def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
     nats_less: float, least_mm: float, most_mm: float
 ) -> None:
-    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    best = max((one for one in all_registered("cube") if one.label == "cube"), key=lambda one: one.odds)
     farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
     other = replace(
-        best, pose=farther, evidence=EdgeEvidence(best.evidence.nats - nats_less, best.evidence.share), tries=7.0
+        best, pose=farther, evidence=EdgeEvidence(best.evidence.nats - nats_less, best.evidence.fraction), tested=7.0
     )
     spread = by_edges.pose_spread(best, [best, other], best.pose[None])
     assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
@@ -398,10 +402,10 @@ def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
 
 
 def test_where_a_part_looks_the_same_turned_that_is_no_doubt_of_its_place() -> None:
-    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    best = max((one for one in all_registered("cube") if one.label == "cube"), key=lambda one: one.odds)
     turned = replace(best, pose=best.pose @ frames.rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)))
-    alike = np.stack([best.pose, turned.pose])
-    np.testing.assert_allclose(by_edges.pose_spread(best, [best, turned], alike), 0.0, atol=1e-9)
+    equivalent = np.stack([best.pose, turned.pose])
+    np.testing.assert_allclose(by_edges.pose_spread(best, [best, turned], equivalent), 0.0, atol=1e-9)
 
 
 def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_depth(

@@ -13,10 +13,10 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import counter_evidence
 from daemon.vision.evidence.counter_evidence import (
-    Against,
+    CounterEvidence,
+    counter_evidence_of,
     missing_in_both_px,
     missing_share,
-    speaks_against,
     verified_names,
 )
 from daemon.vision.evidence.edge_places import EdgePlaces, edge_places
@@ -187,22 +187,22 @@ def test_an_edge_that_fades_beside_print_is_not_missed_as_one_that_ends() -> Non
 def test_nothing_of_a_part_outside_both_pictures_is_missing() -> None:
     away = WHERE.copy()
     away[0, 3] += 900.0
-    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), away, images_of("block"))
-    assert against == Against(0.0, 0.0, 0.0, 0.0)
+    against = counter_evidence_of(exact(BLOCK.corners_mm, BLOCK.facets), away, images_of("block"))
+    assert against == CounterEvidence(0.0, 0.0, 0.0, 0.0)
 
 
 def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
     for largest in np.diag([0.3, 300.0, 300.0, 40.0]):
-        chances = [Against(*(share * largest)).duplicate for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
+        chances = [CounterEvidence(*(share * largest)).duplicate for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
         assert chances == sorted(chances)
         assert chances[0] < PRIOR
         assert chances[-1] > counter_evidence.MOST_LIKELY_DUPLICATE
 
 
 def test_it_is_said_what_speaks_most_against_a_part() -> None:
-    assert str(Against(0.1, 30.0, 0.0, 3.0)) == "10% of the edges that it should show are in neither picture"
-    assert str(Against(0.01, 0.0, 80.0, 0.0)) == "edges of 80 px inside it lie in front of or behind its faces"
-    assert str(Against(0.03, 0.0, 0.0, 30.0, "mirrored")) == "a similar part (mirrored) fits better"
+    assert str(CounterEvidence(0.1, 30.0, 0.0, 3.0)) == "10% of the edges that it should show are in neither picture"
+    assert str(CounterEvidence(0.01, 0.0, 80.0, 0.0)) == "edges of 80 px inside it lie in front of or behind its faces"
+    assert str(CounterEvidence(0.03, 0.0, 0.0, 30.0, "mirrored")) == "a similar part (mirrored) fits better"
 
 
 @pytest.mark.parametrize(("family", "seed", "name"), STRANGERS)
@@ -218,7 +218,7 @@ def test_near_twins_that_were_never_taught_have_no_name(family: str, seed: int, 
 def test_the_fit_finds_what_a_table_was_drawn_by() -> None:
     rng = np.random.default_rng(1)
     drawn = rng.uniform(0, 1, (20_000, 4)) * [0.1, 60.0, 60.0, 20.0]
-    against = [Against(*map(float, one)) for one in drawn]
+    against = [CounterEvidence(*map(float, one)) for one in drawn]
     odds = np.array([one.terms for one in against]) @ [0.5, 0.8, 1.5, 2.0] - 10.0
     twin = rng.random(len(odds)) < 1 / (1 + np.exp(-odds))
     fit = fitted([Seen("", "", "", not t, one) for t, one in zip(twin, against, strict=True)])

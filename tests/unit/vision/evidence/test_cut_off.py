@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.evidence import by_edges
-from daemon.vision.evidence.near_duplicates import LEAST_APART, ahead_of_sizes, cut_off
+from daemon.vision.evidence.competing import LEAST_APART, lead_over_other_lengths, leaves_a_picture
 from daemon.vision.evidence.photo_consistency import face_consistency
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.geometry.polyhedron import SolidBatch
@@ -84,8 +84,8 @@ def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_
         images = both(where, share)
         laid = SolidBatch.of([BOX])
         seen = [one.only(0, laid) for one in edge_samples_of(laid, images, where[None], 0.4)]
-        assert cut_off(BOX, where, images) is (share > 0)
-        assert (ahead_of_sizes(BOX, where, seen, images, 0.4) < LEAST_APART) is open_size
+        assert leaves_a_picture(BOX, where, images) is (share > 0)
+        assert (lead_over_other_lengths(BOX, where, seen, images, 0.4) < LEAST_APART) is open_size
 
 
 def test_a_facet_that_is_mostly_outside_the_picture_is_not_in_view() -> None:

@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon.vision.evidence import counter_evidence, near_duplicates
-from daemon.vision.evidence.counter_evidence import RIVAL_NATS
+from daemon.vision.evidence import counter_evidence
+from daemon.vision.evidence.competing import lead_by_own_edges
+from daemon.vision.evidence.counter_evidence import RIVAL_NATS, DuplicateLead, duplicate_lead
 from daemon.vision.evidence.edge_places import edge_places
-from daemon.vision.evidence.near_duplicates import DuplicateLead, by_own_edges, duplicate_lead, without_corner
+from daemon.vision.evidence.near_duplicates import without_corner
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
@@ -48,19 +49,19 @@ def longer(body: Body, share: float) -> np.ndarray:
 
 def test_a_part_with_the_same_edges_is_told_apart_by_nothing() -> None:
     own = shown(CUBE.corners_mm, CUBE.facets)
-    assert by_own_edges(own, own) == pytest.approx(0.0)
+    assert lead_by_own_edges(own, own) == pytest.approx(0.0)
 
 
 def test_a_face_alone_says_no_more_than_the_part_that_has_it() -> None:
     """All its edges are the part's as well, though some weigh more in it: its outline runs inside the part's."""
     whole, face = (shown(CUBE.corners_mm, facets) for facets in (CUBE.facets, [CUBE.facets[FACING[0]]]))
-    assert by_own_edges(whole, face) > 10.0
-    assert by_own_edges(face, whole) == pytest.approx(-by_own_edges(whole, face))
+    assert lead_by_own_edges(whole, face) > 10.0
+    assert lead_by_own_edges(face, whole) == pytest.approx(-lead_by_own_edges(whole, face))
 
 
 def test_an_edge_that_is_not_there_speaks_against_the_part_that_has_it() -> None:
     whole, other = shown(CUBE.corners_mm, CUBE.facets), shown(longer(CUBE, 1.4), CUBE.facets)
-    assert by_own_edges(whole, other) > 10.0
+    assert lead_by_own_edges(whole, other) > 10.0
 
 
 @pytest.mark.parametrize("seed", [6, 26, 46])
@@ -97,12 +98,14 @@ def images_of_block(cut: bool) -> StereoImages:
     return open_stereo(*print_pair(body, NEAR_BLOCK, 3, printed=False, patterned=False), straight_rig())
 
 
-@pytest.mark.parametrize(("taught_cut", "how"), [(False, "with a corner cut off"), (True, "with a cut corner whole")])
-def test_a_corner_cut_off_and_one_that_is_whole_speak_against_the_other(taught_cut: bool, how: str) -> None:
+@pytest.mark.parametrize(
+    ("taught_cut", "difference"), [(False, "with a corner cut off"), (True, "with a cut corner whole")]
+)
+def test_a_corner_cut_off_and_one_that_is_whole_speak_against_the_other(taught_cut: bool, difference: str) -> None:
     solid = cut_block() if taught_cut else exact(BLOCK.corners_mm, BLOCK.facets)
     assert rival_of(solid, NEAR_BLOCK, images_of_block(taught_cut)).nats == 0.0
     rival = rival_of(solid, NEAR_BLOCK, images_of_block(not taught_cut))
-    assert rival.how == how
+    assert rival.difference == difference
     assert rival.nats > RIVAL_NATS / 2
 
 
@@ -114,5 +117,5 @@ def test_a_tip_that_is_seen_from_the_side_alone_tells_by_the_outline(monkeypatch
     (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
     solid = model.metric[found.recognition.label].solid
     assert rival_of(solid, found.cyclopean_from_part, images_of).nats > RIVAL_NATS / 2
-    monkeypatch.setattr(near_duplicates, "BY_OUTLINE_PX", THIN_PX)
+    monkeypatch.setattr(counter_evidence, "BY_OUTLINE_PX", THIN_PX)
     assert rival_of(solid, found.cyclopean_from_part, images_of).nats == 0.0

@@ -10,10 +10,10 @@ import pytest
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import registered
-from daemon.vision.evidence.counter_evidence import MOST_LIKELY_DUPLICATE, speaks_against
+from daemon.vision.evidence.counter_evidence import MOST_LIKELY_DUPLICATE, counter_evidence_of
 from daemon.vision.evidence.edge_places import PLACES, edge_places
 from daemon.vision.evidence.occlusion import hidden_places
-from daemon.vision.evidence.registered import registered_at
+from daemon.vision.evidence.registered import register_at
 from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import EdgeHypothesis, Search, edge_distances
 from daemon.vision.image import StereoImages, open_stereo
@@ -67,7 +67,7 @@ def test_edges_behind_something_nearer_are_hidden_and_do_not_speak_against_a_par
     missing, covered = hidden(images_of(70.0))
     assert missing > 0.05
     assert covered > 0.7
-    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images_of(70.0))
+    against = counter_evidence_of(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images_of(70.0))
     assert against.duplicate < MOST_LIKELY_DUPLICATE
 
 
@@ -94,14 +94,14 @@ def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm
     search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
     there = recognise_group(view_of(BLOCK, WHERE), model).part.cyclopean_from_part.copy()
     there[0, 3] += aside_mm
-    (laid,) = registered_at(search, [EdgeHypothesis("block", there)])
-    asked = laid.without_hidden(images)
-    for before, after in zip(laid.seen, asked.seen, strict=True):
+    (registered_part,) = register_at(search, [EdgeHypothesis("block", there)])
+    asked = registered_part.without_hidden()
+    for before, after in zip(registered_part.seen, asked.seen, strict=True):
         assert (after.visible <= before.visible).all()
     if aside_mm == 0.0:
-        assert asked.odds > laid.odds
+        assert asked.odds > registered_part.odds
     else:
-        assert asked.odds >= laid.odds - 1e-9
+        assert asked.odds >= registered_part.odds - 1e-9
 
 
 def test_of_a_part_outside_a_picture_nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,8 +109,8 @@ def test_of_a_part_outside_a_picture_nothing_is_left_out(monkeypatch: pytest.Mon
     search = Search(images, model, (), (), (edge_distances(images.left), edge_distances(images.right)), None)
     everything = np.ones((len(model.metric["block"].solid.lines[0]), PLACES), bool)
     monkeypatch.setattr(registered, "hidden_of", lambda *_: (everything, everything))
-    (laid,) = registered_at(search, [EdgeHypothesis("block", WHERE + OUTSIDE)])
-    assert [len(seen.visible) for seen in laid.without_hidden(images).seen] == [0, 0]
+    (registered_part,) = register_at(search, [EdgeHypothesis("block", WHERE + OUTSIDE)])
+    assert [len(seen.visible) for seen in registered_part.without_hidden().seen] == [0, 0]
 
 
 def test_what_lies_behind_a_part_hides_nothing_of_it() -> None:
@@ -123,4 +123,4 @@ def test_a_corner_that_is_not_there_is_hidden_by_nothing() -> None:
     missing, covered = hidden(images)
     assert missing > 0.05
     assert covered < 0.2
-    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images).duplicate > MOST_LIKELY_DUPLICATE
+    assert counter_evidence_of(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, images).duplicate > MOST_LIKELY_DUPLICATE

@@ -18,7 +18,7 @@ from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solids
 from daemon.vision.model.model import Model, empty_model
-from daemon.vision.refine import edge_samples_of, facets_shown
+from daemon.vision.refine import count_visible_facets, edge_samples_of
 from daemon.vision.refine.edge_pose import facets_in_view
 from tests.fakes.chosen import few
 from tests.fakes.drawn import obj
@@ -57,7 +57,9 @@ def seen_by_one(camera: int) -> tuple[Array, Image, Image]:
 
 def shown(body: Body, where: Array, pictures: tuple[Image, Image], by: StereoRig | None = None) -> int:
     solid, images = exact(body.corners_mm, body.facets), open_stereo(*pictures, by or rig())
-    return facets_shown(solid, images, where, edge_samples_of(SolidBatch.of([solid]), images, where[None], 0.25))
+    return count_visible_facets(
+        solid, images, where, edge_samples_of(SolidBatch.of([solid]), images, where[None], 0.25)
+    )
 
 
 @pytest.mark.parametrize("camera", few([0, 1], 1))

@@ -15,7 +15,7 @@ from daemon.vision.facets import MeasuredCircle
 from daemon.vision.geometry import OutlineArc, Polyhedron, exact
 from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import open_stereo
-from daemon.vision.refine import fit_at
+from daemon.vision.refine import refine_from_pose
 from tests.fakes import painted
 from tests.fakes.printed import straight_rig
 from tests.fakes.solids import Body, pose, prism
@@ -38,7 +38,7 @@ def nats(shown: Body) -> float:
         *painted.paint_pair([(shown, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig()
     )
     solid: Polyhedron = exact(block().corners_mm, block().facets)
-    fit, edges = fit_at(solid, images, WHERE, TOLERANCE_MM)
+    fit, edges = refine_from_pose(solid, images, WHERE, TOLERANCE_MM)
     return other_size_nats(solid, fit.cyclopean_from_part, edges, TOLERANCE_MM)
 
 

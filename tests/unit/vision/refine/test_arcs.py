@@ -17,8 +17,8 @@ from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.geometry import Polyhedron, SolidBatch
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import TeachError, empty_model, learn_solid, mirror_images
-from daemon.vision.refine import aligned_to_edges, edge_samples_of, fit_edges
-from daemon.vision.refine.expected_edges import expected
+from daemon.vision.refine import aligned_to_edges, edge_samples_of, fit_by_edges
+from daemon.vision.refine.expected_edges import project_edges
 from tests.bench import machined
 from tests.fakes.drawn import block, obj, prism
 from tests.fakes.painted import paint_pair
@@ -105,7 +105,7 @@ def test_the_edge_of_a_flat_that_is_turned_away_is_where_its_cylinder_ends_in_th
     laid = SolidBatch.of([solid])
     flat = int((solid.normals @ [0, -1, 0]).argmax())
     assert solid.facing(where)[flat] < -0.3
-    for edges in expected(laid, images(), where[None], np.ones(1, bool), TOLERANCE_MM):
+    for edges in project_edges(laid, images(), where[None], np.ones(1, bool), TOLERANCE_MM):
         upright = np.flatnonzero(np.ptp(solid.corners_mm[edges.ends], axis=1)[:, 2] > HIGH_MM / 2)
         assert len(upright) == 1
         assert edges.outline[upright].all()
@@ -145,7 +145,7 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
     laid = SolidBatch.of([rounded()])
     turns = np.linspace(-np.pi / 2, np.pi / 2, 2000)
     for edges, view in zip(
-        expected(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM), images().views, strict=True
+        project_edges(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM), images().views, strict=True
     ):
         bowed = np.flatnonzero(np.abs(edges.bow).max(1) > 0)
         assert len(bowed) >= 4
@@ -164,7 +164,7 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
 
 def test_a_turn_about_its_axis_does_not_move_an_arc_and_anything_else_does() -> None:
     laid = SolidBatch.of([rounded()])
-    for edges in expected(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM):
+    for edges in project_edges(laid, images(), WHERE[None], np.ones(1, bool), TOLERANCE_MM):
         axis, through = WHERE[:3, 2], frames.apply(WHERE, centre()) - WHERE[:3, 3]
         about_axis = np.concatenate([np.cross(through, axis), axis])
         on_arc = np.abs(edges.bow[:, 1]) > 0.1
@@ -184,7 +184,7 @@ def round_end_first() -> Array:
 def test_the_wall_beyond_an_arc_shows_its_far_rim_and_makes_its_near_one_an_inner_edge() -> None:
     def edges(solid: Polyhedron) -> dict[tuple[int, ...], bool]:
         laid, at = SolidBatch.of([solid]), round_end_first()[None]
-        left, _ = expected(laid, images(), at, np.ones(1, bool), TOLERANCE_MM)
+        left, _ = project_edges(laid, images(), at, np.ones(1, bool), TOLERANCE_MM)
         return dict(zip(map(tuple, left.ends.tolist()), left.outline.tolist(), strict=True))
 
     with_wall, without = edges(rounded()), edges(replace(rounded(), arcs=()))
@@ -231,10 +231,10 @@ def test_the_turn_of_a_disc_is_that_of_its_bores_and_not_of_its_chords(seed: int
     true = seen.pose @ frames.rigid(np.eye(3), drawn.origin_mm)
     thought = true @ frames.rigid(frames.rotation_from_vector(np.radians([0.0, 0.0, 3.0])), np.zeros(3))
     pair = open_stereo(seen.left, seen.right, seen.rig)
-    fit = fit_edges(drawn.solid, pair, thought, 2.0)
+    fit = fit_by_edges(drawn.solid, pair, thought, 2.0)
     assert fit is not None
     assert np.degrees(frames.angle_between(fit.cyclopean_from_part, true)) < 0.5
-    blank = fit_edges(replace(drawn.solid, holes=()), pair, thought, 2.0)
+    blank = fit_by_edges(replace(drawn.solid, holes=()), pair, thought, 2.0)
     assert blank is not None
     axis = true[:3, 2]
     sigmas_deg = [np.degrees(np.sqrt(axis @ one.covariance[3:, 3:] @ axis)) for one in (fit, blank)]

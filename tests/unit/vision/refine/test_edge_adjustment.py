@@ -9,8 +9,8 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.stereo_images import open_stereo
-from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, adjusted, wear_of
-from daemon.vision.refine.edge_pose import locate, solved_motion
+from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, adjust_pose, wear_of
+from daemon.vision.refine.edge_pose import locate_by_edges, solved_motion
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import CUBE, Body, pose
@@ -23,9 +23,9 @@ def fitted(corners_mm):
     """A painted part with these corners, fitted as the taught cube."""
     rng, shape = np.random.default_rng(4), exact(CUBE.corners_mm, CUBE.facets)
     images = open_stereo(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
-    located = locate(shape, images, WHERE, 3.0)
+    located = locate_by_edges(shape, images, WHERE, 3.0)
     assert located is not None
-    return shape, located, adjusted(shape, located.pose, located.observed, TOLERANCE_MM)
+    return shape, located, adjust_pose(shape, located.pose, located.observed, TOLERANCE_MM)
 
 
 @pytest.mark.parametrize("larger", [0.99, 1.01])
@@ -70,7 +70,7 @@ def test_the_pose_of_a_part_that_is_not_quite_as_drawn_is_where_its_own_corners_
     chi_squares = []
     for seed in range(60):
         off_mm = np.random.default_rng(seed).normal(0, OF_TOLERANCE * TOLERANCE_MM, shape.corners_mm.shape)
-        found = adjusted(shape, located.pose, list(made_otherwise(located, off_mm)), TOLERANCE_MM)
+        found = adjust_pose(shape, located.pose, list(made_otherwise(located, off_mm)), TOLERANCE_MM)
         true = frames.perturb(drawn.pose, np.linalg.lstsq(slopes, off_mm.ravel(), rcond=None)[0])
         off = frames.difference(found.pose, true)
         chi_squares.append(off @ np.linalg.solve(found.covariance, off))
@@ -86,7 +86,7 @@ def test_strokes_of_print_beside_the_edges_between_faces_hardly_turn_the_part():
         ragged = np.where(inner[:, None, None], 0.19**2 * np.eye(2), seen.sides.covariance)
         sides = replace(seen.sides, covariance=ragged, evidence=np.where(inner, 140.0, seen.sides.evidence))
         beside_print.append(replace(seen, off=seen.off + 2.0 * inner[:, None], sides=sides))
-    found = adjusted(shape, located.pose, beside_print, TOLERANCE_MM)
+    found = adjust_pose(shape, located.pose, beside_print, TOLERANCE_MM)
     turned = np.degrees(np.linalg.norm(frames.difference(found.pose, clean.pose)[3:]))
     assert turned < 0.18
 
@@ -105,7 +105,7 @@ def test_a_part_with_broken_edges_is_not_taken_for_one_farther_away():
     shape, located, sharp = fitted(CUBE.corners_mm)
     worn = drawn_back(located.observed, 0.4)
     away = [
-        np.linalg.norm(adjusted(shape, located.pose, seen, TOLERANCE_MM).pose[:3, 3] - sharp.pose[:3, 3])
+        np.linalg.norm(adjust_pose(shape, located.pose, seen, TOLERANCE_MM).pose[:3, 3] - sharp.pose[:3, 3])
         for seen in (worn, without_wear(worn))
     ]
     assert away[0] < 0.05 < 0.15 < away[1]
@@ -115,7 +115,7 @@ def test_a_part_with_broken_edges_is_not_taken_for_one_farther_away():
 def test_no_edge_grows_and_a_sharp_part_lies_where_its_edges_are(by_mm):
     shape, located, _ = fitted(CUBE.corners_mm)
     seen = drawn_back(located.observed, by_mm)
-    with_it, without = (adjusted(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
+    with_it, without = (adjust_pose(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
     assert np.linalg.norm(with_it.pose[:3, 3] - without.pose[:3, 3]) < 0.03
     np.testing.assert_allclose(with_it.covariance, without.covariance, rtol=0.3, atol=1e-4)
 
@@ -123,7 +123,7 @@ def test_no_edge_grows_and_a_sharp_part_lies_where_its_edges_are(by_mm):
 def test_edges_that_seem_to_have_grown_are_weighed_as_those_of_a_sharp_part():
     shape, located, _ = fitted(CUBE.corners_mm)
     seen = drawn_back(located.observed, -0.3)
-    with_it, without = (adjusted(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
+    with_it, without = (adjust_pose(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
     np.testing.assert_allclose(with_it.pose, without.pose, atol=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_of_lines_that_contradict_each_other_the_surest_do_not_have_their_way():
     for seed in range(30):
         lines = list(contradicting(located, np.random.default_rng(seed)))
         ways = [None, (located.pose, 1e-3 * np.eye(6))]
-        found = [adjusted(shape, located.pose, lines, TOLERANCE_MM, way) for way in ways]
+        found = [adjust_pose(shape, located.pose, lines, TOLERANCE_MM, way) for way in ways]
         off = [frames.difference(one.pose, WHERE) for one in found]
         off_mm.append([np.linalg.norm(one[:3] + 30.0 * one[3:]) for one in off])
         chi_squares.append(off[1] @ np.linalg.solve(found[1].covariance, off[1]))
@@ -161,7 +161,7 @@ def test_of_lines_that_contradict_each_other_the_surest_do_not_have_their_way():
 def test_an_anchor_holds_a_part_and_makes_it_no_surer():
     shape, located, free = fitted(CUBE.corners_mm)
     aside = frames.perturb(WHERE, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-    held = adjusted(shape, located.pose, located.observed, TOLERANCE_MM, (aside, 1e6 * np.eye(6)))
+    held = adjust_pose(shape, located.pose, located.observed, TOLERANCE_MM, (aside, 1e6 * np.eye(6)))
     assert np.linalg.norm(frames.difference(held.pose, aside)) < 0.05
     assert np.linalg.norm(frames.difference(free.pose, aside)) > 0.7
     assert np.trace(held.covariance) > 0.9 * np.trace(free.covariance)

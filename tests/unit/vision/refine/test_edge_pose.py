@@ -11,7 +11,13 @@ from daemon.vision.geometry.polyhedron import SolidBatch, exact
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose
-from daemon.vision.refine.edge_pose import facets_laid, fit_at, fit_edges, locate, refined_pose
+from daemon.vision.refine.edge_pose import (
+    facets_from_edges,
+    fit_by_edges,
+    locate_by_edges,
+    refine_from_pose,
+    refine_or_reject,
+)
 from tests.fakes import painted
 from tests.fakes.drawn import prism
 from tests.fakes.painted import paint_pair
@@ -43,7 +49,7 @@ def found(label, view, seed=1):
     """(mm, degrees) off, and the sigma of the place, of a part laid from a near pose."""
     rng, shape = np.random.default_rng(seed), shape_of(label)
     where = pose(np.array(view), 0.3, 300.0)
-    fit = fit_edges(shape, open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
+    fit = fit_by_edges(shape, open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
     assert fit is not None
     return *error(fit, where, shape), np.sqrt(np.trace(fit.covariance[:3, :3]))
 
@@ -71,7 +77,7 @@ def test_a_part_of_which_only_the_outline_shows_is_located_by_that(monkeypatch, 
 def test_an_empty_table_shows_no_part(label):
     rng, shape = np.random.default_rng(2), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    assert fit_edges(shape, open_stereo(*paint_pair([], rng), rig()), where) is None
+    assert fit_by_edges(shape, open_stereo(*paint_pair([], rng), rig()), where) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
@@ -79,7 +85,7 @@ def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
     rng, shape = np.random.default_rng(3), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert fit_edges(shape, images, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
+    assert fit_by_edges(shape, images, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
@@ -87,14 +93,14 @@ def test_another_part_in_its_place_is_not_taken_for_it(label):
     rng = np.random.default_rng(4)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert [other for other in KNOWN if other != label and fit_edges(shape_of(other), images, where)] == []
+    assert [other for other in KNOWN if other != label and fit_by_edges(shape_of(other), images, where)] == []
 
 
 def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it():
     rng, shape = np.random.default_rng(5), shape_of("pentagonal_prism")
     where = frames.rigid(np.eye(3), np.array([0.0, -62.0, 0.0])) @ pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
-    fit = fit_edges(shape, images, near(where, rng))
+    fit = fit_by_edges(shape, images, near(where, rng))
     assert fit is not None
     assert error(fit, where, shape)[0] < 1.0
 
@@ -105,7 +111,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
     rng, shape, where = np.random.default_rng(3), shape_of(label), pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     thought = frames.perturb(where, np.array([off_mm, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    fit = refined_pose(shape, images, thought, 9.0)
+    fit = refine_or_reject(shape, images, thought, 9.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < min(0.4, 3 * float(np.sqrt(np.trace(fit.covariance[:3, :3]))))
@@ -115,7 +121,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
 def test_nothing_and_another_part_are_not_settled():
     rng, where = np.random.default_rng(4), pose(np.array(VIEWS[0]), 0.3, 300.0)
     for lying in ([], [(KNOWN["pyramid"], where)]):
-        assert refined_pose(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
+        assert refine_or_reject(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
 
 
 @pytest.mark.parametrize(("blur_px", "followed"), [(1.5, True), (7.0, False)])
@@ -124,7 +130,7 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
     images = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
-    assert (fit_edges(shape, images, where) is not None) == followed
+    assert (fit_by_edges(shape, images, where) is not None) == followed
 
 
 @pytest.mark.parametrize("beside_mm", [2.2, 2.8, 3.4])
@@ -140,7 +146,7 @@ def test_a_stripe_printed_beside_a_faint_ridge_is_not_taken_for_the_ridge(monkey
     near_side, far_side = (d * (away - low) / np.linalg.norm(away - low) for d in (beside_mm, beside_mm + 1.0))
     stripe = Body(np.array([low + near_side, low + far_side, high + far_side, high + near_side]), ((0, 1, 2, 3),))
     images = open_stereo(*paint_pair([(prism, where), (stripe, where)], rng), rig())
-    fit = fit_edges(shape_of("triangular_prism"), images, near(where, rng), 6.0)
+    fit = fit_by_edges(shape_of("triangular_prism"), images, near(where, rng), 6.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape_of("triangular_prism"))
     assert error_mm < 0.3
@@ -156,7 +162,7 @@ LAID = [exact(KNOWN[label].corners_mm, KNOWN[label].facets) for label in ("cube"
 def test_a_part_is_located_where_it_lies_and_neither_elsewhere_nor_as_another() -> None:
     images = open_stereo(*paint_pair([(KNOWN["cube"], STANDS)], np.random.default_rng(1)), rig())
     starts = [frames.perturb(STANDS, motion) for motion in (A_LITTLE, A_LITTLE, AWAY, -A_LITTLE)]
-    found = [locate(shape, images, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
+    found = [locate_by_edges(shape, images, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
     assert [one is not None for one in found] == [True, False, False, True]
 
 
@@ -170,7 +176,7 @@ def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> Non
     farthest_first = np.argsort(-np.linalg.norm(frames.apply(where, shape.centres_mm), axis=1))
     shape = exact(shape.corners_mm, [rings[k] for k in farthest_first])
     images = open_stereo(*paint_pair([(shape, where)], np.random.default_rng(1)), rig())
-    fit = fit_edges(shape, images, frames.perturb(where, A_LITTLE))
+    fit = fit_by_edges(shape, images, frames.perturb(where, A_LITTLE))
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < 0.4
@@ -180,7 +186,7 @@ def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> Non
 def test_a_part_out_of_view_is_not_located() -> None:
     images = open_stereo(*paint_pair([], np.random.default_rng(1)), rig())
     aside = frames.rigid(np.eye(3), np.array([2000.0, 0.0, 400.0]))
-    assert locate(LAID[0], images, aside, 2.0) is None
+    assert locate_by_edges(LAID[0], images, aside, 2.0) is None
 
 
 def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
@@ -201,9 +207,9 @@ def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_it
     images = open_stereo(*paint_pair([(KNOWN["cube"], where)], rng), rig())
     away = frames.perturb(where, np.array(led))
     monkeypatch.setattr(
-        edge_pose, "adjusted", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.array(led))
+        edge_pose, "adjust_pose", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.array(led))
     )
-    fit, observed = fit_at(shape, images, where, 0.25)
+    fit, observed = refine_from_pose(shape, images, where, 0.25)
     np.testing.assert_array_equal(fit.cyclopean_from_part, where)
     assert np.sqrt(np.trace(fit.covariance[:3, :3])) > 5.0
     assert all(seen.sides is not None for seen in observed)
@@ -212,13 +218,13 @@ def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_it
 def test_a_side_that_is_off_its_place_tells_less_of_its_corners() -> None:
     where, shape = pose(np.array(VIEWS[0]), 0.3, 300.0), shape_of("cube")
     images = open_stereo(*paint_pair([(KNOWN["cube"], where)], np.random.default_rng(1)), rig())
-    located = locate(shape, images, where, 2.0)
+    located = locate_by_edges(shape, images, where, 2.0)
     assert located is not None
     left, right = located.observed
     side = int(np.flatnonzero(left.on_place & left.edges.outline)[0])
     off = left.off.copy()
     off[side] = 0.6
-    sure, astray = (facets_laid(shape, (one, right)) for one in (left, replace(left, off=off)))
+    sure, astray = (facets_from_edges(shape, (one, right)) for one in (left, replace(left, off=off)))
     apart = [one.left[1] - other.left[1] for one, other in zip(astray, sure, strict=True)]
     grown = np.concatenate([np.trace(each, axis1=1, axis2=2) for each in apart])
     assert np.count_nonzero(grown > 1e-6) == 2

@@ -55,17 +55,17 @@ def test_near_poses_settle_where_the_part_is(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(KNOWN))
 def test_much_speaks_for_a_part_where_it_is_and_little_elsewhere(name: str) -> None:
     here = said(name, WHERE, images_of(name))
-    assert here.share > 0.7
+    assert here.fraction > 0.7
     for motion in ([6.0, 0, 0, 0, 0, 0], [0, 6.0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0.2]):
         there = said(name, moved(motion), images_of(name))
         assert there.nats < 0.5 * here.nats
-        assert there.share < 0.5
+        assert there.fraction < 0.5
 
 
 def test_a_patterned_table_says_no_more_than_chance() -> None:
     rng = np.random.default_rng(5)
     places = [moved((rng.normal(size=6) * [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]).tolist()) for _ in range(20)]
-    assert max(said("cube", where, images_of(None)).share for where in places) < 0.1
+    assert max(said("cube", where, images_of(None)).fraction for where in places) < 0.1
 
 
 def test_what_one_says_does_not_hang_on_what_is_laid_beside_it() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.refine.following import Fit, refit
+from daemon.vision.refine.following import Fit, fit_to_facets
 from daemon.vision.values import Facet
 from tests.fakes.fake_cell import shape_of
 
@@ -28,7 +28,7 @@ def facets_of(shape, pose, which, rng, sigma=0.2):
 def test_a_symmetric_part_keeps_the_pose_it_had_from_look_to_look(label):
     rng = np.random.default_rng(0)
     shape = shape_of(label)
-    fit = refit(
+    fit = fit_to_facets(
         shape, facets_of(shape, POSE, (0, 1), rng), frames.perturb(POSE, np.array([3, -2, 3, 0.05, 0.03, -0.05]))
     )
     assert isinstance(fit, Fit)
@@ -42,22 +42,22 @@ def test_a_facet_that_is_hardly_known_does_not_lose_the_part():
     shape = shape_of("triangular_prism")
     good, bad = facets_of(shape, POSE, (0, 2), rng)
     wild = replace(bad, corners_mm=bad.corners_mm + 9.0, covariance_mm2=bad.covariance_mm2 * 1000)
-    assert refit(shape, [good, wild], POSE) is not None
-    assert refit(shape, [wild], POSE) is None
+    assert fit_to_facets(shape, [good, wild], POSE) is not None
+    assert fit_to_facets(shape, [wild], POSE) is None
 
 
 def test_nothing_is_found_where_nothing_fits():
     rng = np.random.default_rng(2)
     shape = shape_of("cube")
     facets = facets_of(shape, frames.perturb(POSE, np.array([60.0, 0, 0, 0, 0, 0.4])), (0, 1), rng)
-    assert refit(shape, facets, POSE) is None
-    assert refit(shape, [], POSE) is None
+    assert fit_to_facets(shape, facets, POSE) is None
+    assert fit_to_facets(shape, [], POSE) is None
 
 
 def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
     rng = np.random.default_rng(3)
     shape = shape_of("cube")
-    fits = [refit(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
+    fits = [fit_to_facets(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
     motions = np.array([frames.difference(f.cyclopean_from_part, POSE) for f in fits if f is not None])
     predicted_sigma = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
     ratio = motions.std(axis=0) / predicted_sigma
