@@ -12,7 +12,7 @@ from typing import Protocol
 
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, Interleaved, LineHeldBack, LinkError, NoAnswer, ProcessorHalted
-from drivers.val2.interleaved import typed_behind, typed_beside
+from drivers.val2.interleaved import follows_search, in_carets, typed_behind, typed_beside
 from drivers.val2.location import Location
 from drivers.val2.pending_answers import PendingAnswer, PendingAnswers
 from drivers.val2.wire import (
@@ -162,7 +162,8 @@ class Conversation:
         if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
             del heard[0]
         half_come = self._reader.pending.removeprefix(self._stood).strip(b"\x00\x07\x7f\r\n .")
-        return heard + ([half_come.decode("latin-1")] if len(half_come) > 1 else [])
+        typed = len(half_come) > 1 and not half_come.startswith(b"*")  # the controller's message: an Error once it ends
+        return heard + ([half_come.decode("latin-1")] if typed else [])
 
     async def ask(
         self,
@@ -190,6 +191,7 @@ class Conversation:
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
                 self.line_may_have_leftover = False
+                self._owed.line_answered()
                 answer = answer_from(command, gathered, self.clock() - began_s, self.dialect)
                 if command == "WHERE" and answer.where is not None:
                     self._owed.table_came()
@@ -250,7 +252,10 @@ class Conversation:
         collected: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):
-            await self.type_raw(cancel if cancel and attempt == 0 else cancel + POISON + self.dialect.line_end)
+            poison = b"" if cancel and attempt == 0 else POISON
+            self._owed.search_typed([echo for echo in (in_carets(cancel), poison) if echo])
+            await self.type_raw(cancel + poison + (self.dialect.line_end if poison else b""))
+            seen = len(collected)
             try:
                 await self.next_prompt_or_question(self.dialect.resync_s, collected)
             except NoAnswer:
@@ -258,6 +263,8 @@ class Conversation:
                     raise ProcessorHalted from None
                 self._owed.add(PendingAnswer(""))
                 continue
+            finally:
+                self._owed.search_heard(b"".join(event.raw for event in collected[seen:]))
             await asyncio.sleep(self.dialect.echo_settle_s)
             return collected
         error = Busy if collected else NoAnswer
@@ -355,7 +362,7 @@ class Conversation:
 
     async def _judge_echo(self, text: str, first: LineEvent) -> None:
         """Wait until nothing more comes, then find the cause of a wrong echo. Raises Garbled where the echo came twice,
-        Interleaved where it contains somebody else's line."""
+        Interleaved where it contains somebody else's line, and not only the late echo of a search for the prompt."""
         typed, back, before = text.encode("ascii"), b"", None
         while before != back and len(back) < 2 * len(text) + LONGEST_LINE:
             await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
@@ -365,7 +372,8 @@ class Conversation:
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
         if is_twice(typed, back):
             raise Garbled(TWICE, code="converter_echoes")
-        if typed_beside(typed, back):
+        late = self._owed.owes_search_echo and follows_search(typed, back, self.dialect.cancel_line)
+        if typed_beside(typed, back) and not late:
             raise Interleaved(back)
 
     def _put(self, data: bytes) -> None:

@@ -36,10 +36,28 @@ def typed_beside(ours: bytes, back: bytes) -> bool:
 def answers_search(heard: str, cancel_line: bytes) -> bool:
     """Whether text after a prompt that facetd searched for is only the echo of the search (a key such as `^U`), or
     noise: it is shorter than a line that somebody types."""
-    typed = heard.encode("latin-1").translate(None, UNTYPED)
-    for byte in cancel_line:
-        typed = typed.replace(b"^" + bytes([byte ^ 0x40]), b"")
-    return len(typed.translate(None, b"!.")) < SHORTEST_TYPED
+    return len(_beside_search(heard.encode("latin-1"), cancel_line)) < SHORTEST_TYPED
+
+
+def follows_search(ours: bytes, back: bytes, cancel_line: bytes) -> bool:
+    """Whether the echo (back) of a line begins with the late echo of a search for the prompt, and has nothing else
+    before the line."""
+    *before, last = LINE_END.split(back)
+    searched = all(_is_answer(line) or not _beside_search(line, cancel_line) for line in before)
+    return searched and ours.startswith(BEGINS_WITH_PROMPT.sub(b"", last))
+
+
+def in_carets(keys: bytes) -> bytes:
+    """How a controller echoes control keys: `^U`."""
+    return b"".join(b"^" + bytes([byte ^ 0x40]) for byte in keys)
+
+
+def _beside_search(heard: bytes, cancel_line: bytes) -> bytes:
+    """What is left of text without prompts and the echo of a search for one."""
+    typed = heard.translate(None, UNTYPED)
+    for k in range(len(cancel_line)):
+        typed = typed.replace(in_carets(cancel_line[k : k + 1]), b"")
+    return typed.translate(None, b"!.")
 
 
 def _ended(lines: list[bytes]) -> bool:

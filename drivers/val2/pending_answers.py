@@ -1,5 +1,6 @@
 """Answers that the controller still owes: recognise a late answer, so that it is not taken for somebody else's line."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -34,6 +35,27 @@ class PendingAnswers:
         """lasts_s: the greatest delay of an answer."""
         self._clock, self._lasts_s = clock, lasts_s
         self._owed: list[tuple[PendingAnswer, float]] = []
+        self._search_echoes, self._ever_heard = Counter[bytes](), set[bytes]()
+
+    def search_typed(self, echoes: Sequence[bytes]) -> None:
+        """Note how the controller may echo what was just typed to search for the prompt."""
+        self._search_echoes.update(echoes)
+
+    def search_heard(self, raw: bytes) -> None:
+        """Note what came while a prompt was searched for."""
+        heard = Counter({echo: raw.count(echo) for echo in self._search_echoes})
+        self._ever_heard.update(+heard)
+        self._search_echoes -= heard
+
+    def line_answered(self) -> None:
+        """Note that a line was answered: whatever was typed before it is answered, too."""
+        self._search_echoes.clear()
+
+    @property
+    def owes_search_echo(self) -> bool:
+        """Whether a search found a prompt that came before its own echo, which is still to come. A key's echo (`^U`)
+        comes only from a controller that gave one before."""
+        return any(echo in self._ever_heard or not echo.startswith(b"^") for echo in self._search_echoes)
 
     def add(self, owed: PendingAnswer) -> None:
         """Note an answer that did not come in time."""

@@ -245,8 +245,11 @@ class LineSession:
             refusals = await self.recover(talk, problem)
             if refusals or once_only:
                 break
-        with suppress(Garbled, NoAnswer):
+        try:
             problem.where = (await talk.ask("WHERE", (), self.dialect.answer_s)).where
+        except (Garbled, NoAnswer) as half_typed:  # the next turn would take what is left of it for somebody else's
+            with suppress(NoAnswer, ControllerError):
+                refusals += await self.recover(talk, half_typed)
         if refusals:
             raise ControllerError("; ".join(refusals), problem.where) from problem
         raise problem
@@ -351,6 +354,8 @@ class LineSession:
         if questions:
             self.question = questions[-1]
         errors = [event.text for event in events if isinstance(event, Error)]
+        if self.talk.line_may_have_leftover:  # late answers to the search: what somebody typed comes with their line
+            errors = [text for text in errors if not _may_be_our_own_noise(text)]
         if errors:
             if _typed_at_the_prompt(events):
                 self._refuse_others([*others, *errors])
