@@ -352,8 +352,7 @@ class Mover:
         return self._path_from(self.here, command)
 
     def _path_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
-        state = replace(self.arm_state(), at=start.world_from_tool)
-        path = plan_path(command, state, start, self.cell.robot.kinematics, self._bounds(command))
+        path = plan_path(command, self.arm_state(), start, self.cell.robot.kinematics, self._bounds(command))
         if not isinstance(path, Refusal):
             return path
         raise OutOfReachError(path.text) if path.rule == "out_of_reach" else self._refused(path)
