@@ -152,10 +152,10 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises FacetdError."""
     from daemon.pick.two_fingers import TwoFingers
     from daemon.store.outside import read_file
+    from daemon.teaching.drawing_summary import describe_drawing
     from daemon.teaching.foreign_drawings import in_own_format
     from daemon.teaching.mesh import LARGEST_BYTES, MeshError, UnitError
     from daemon.teaching.solid_from_mesh import read_drawing
-    from daemon.teaching.understood import understood
     from daemon.vision.model import TeachError, learn_solid
 
     refused = []
@@ -171,7 +171,7 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
         except TeachError as error:
             refused.append(f"{name}: {error}")
         else:
-            for line in understood(drawing, TwoFingers().opening_mm):
+            for line in describe_drawing(drawing, TwoFingers().opening_mm):
                 print(f"{label}: {line}")
     return model, refused
 

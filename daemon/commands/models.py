@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from daemon.commands.teaching import describe_alike, describe_sufficiency, sufficiency_json
+from daemon.commands.teaching import coverage_json, describe_alike, describe_coverage
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     CommandError,
@@ -18,7 +18,7 @@ from daemon.console.interpreter import (
 from daemon.console.phrases import at_utc, plural
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.model_store import ModelStore
-from daemon.teaching.sufficiency import Sufficiency, alike
+from daemon.teaching.view_coverage import ViewCoverage, confusable_pairs
 
 MODEL_WORDS = ("list", "use")
 MODEL_USAGE = "model list | model use N|latest"
@@ -38,11 +38,11 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
     lines += [f"  {v.view}: taken for {v.named} ({v.reason})" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
     frontend.shown = trained.version
-    judged = await _judge(context, trained.version)
+    coverages = await _coverages(context, trained.version)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
-    lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
-    data["parts"] = {judgement.label: sufficiency_json(judgement) for judgement in judged}
+    lines += [describe_coverage(coverage, brief=True) for coverage in coverages]
+    data["parts"] = {coverage.label: coverage_json(coverage) for coverage in coverages}
     lines.append("`try` tests it, `accept` puts it into use.")
     first = context.trainer.model_store.current is None and not context.trainer.model.labels
     if first and not wrong:
@@ -71,7 +71,7 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
             f"{candidate}: `try` tests it, `accept` again takes it, `model use {shown}` takes the other"
         )
     await _confirm_during_pick(context, frontend)
-    pairs = [] if candidate is None else alike(await _judge(context, candidate))
+    pairs = [] if candidate is None else confusable_pairs(await _coverages(context, candidate))
     version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
     lines = [f"Version {version} is in use; `rollback` switches back.", *([describe_alike(pairs)] if pairs else [])]
@@ -116,11 +116,11 @@ async def model(context: CommandContext, words: list[str], frontend: Frontend) -
     return CommandResult(f"Version {version} is in use; `rollback` switches back.", {"version": version})
 
 
-async def _judge(context: CommandContext, version: int) -> tuple[Sufficiency, ...]:
+async def _coverages(context: CommandContext, version: int) -> tuple[ViewCoverage, ...]:
     """Judge every part that a version knows; the last result is reused."""
-    if context.judged is None or context.judged[0] != version:
-        context.judged = version, await context.study(context.trainer.judge_version, version)
-    return context.judged[1]
+    if context.coverages is None or context.coverages[0] != version:
+        context.coverages = version, await context.study(context.trainer.coverages_of_version, version)
+    return context.coverages[1]
 
 
 def version_named(store: ModelStore, word: str) -> int:

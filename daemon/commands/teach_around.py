@@ -2,7 +2,7 @@
 motion.
 
 Here are the questions, the report and the storing. daemon/pick/around.py chooses the places to look from,
-daemon/teaching/walked_round.py makes the part.
+daemon/teaching/part_from_looks.py makes the part.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ from daemon.pick.fused_objects import seen_from
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
-from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
+from daemon.teaching.part_from_looks import Deviation, LearntPart, deviations, learn_from_looks
 from daemon.vision.facets import fuse
 from daemon.vision.geometry import Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_name
@@ -28,7 +28,7 @@ from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_nam
 USAGE = "teach LABEL --around [6..12]"
 
 
-async def learn_around(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
+async def learn_around(context: CommandContext, label: str, count: int, frontend: Frontend) -> LearntPart | None:
     """Ask, move round the part, fuse the looks and report; None where the operator declines. Raises CommandError."""
     seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.cameras.alone is None else 2.0)
     text = f"The arm moves to {count} places around the {label}, 300 mm from it: about {seconds:.0f} s"
@@ -55,14 +55,14 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
 
 def _fused_part(
     thing: CircledPart, looks: list[Look], doubt: Doubt, table_z_mm: float, library: FacetLibrary
-) -> WalkedRound:
+) -> LearntPart:
     """The part that the looks together show. Raises TeachError."""
     seen = [seen_from(look, thing.groups_in(look), doubt) for look in looks]
-    return learnt_round(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
+    return learn_from_looks(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
 
 
 def deviations_from_drawing(
-    part: WalkedRound, drawn: Polyhedron | None
+    part: LearntPart, drawn: Polyhedron | None
 ) -> tuple[list[str], list[dict[str, Any] | None]]:
     """The deviation of each side from the drawing, as text and as JSON values; empty without a drawing."""
     if drawn is None:
@@ -89,7 +89,7 @@ def _json(one: Deviation) -> dict[str, Any]:
     return {**rounded, "facet": one.facet}
 
 
-def _part_lines(part: WalkedRound, looks: int) -> list[str]:
+def _part_lines(part: LearntPart, looks: int) -> list[str]:
     """The learnt part as text: each side, and what was never seen."""
     solid = part.solid
     closed = "" if solid.open_edges else ", closed"
@@ -101,8 +101,8 @@ def _part_lines(part: WalkedRound, looks: int) -> list[str]:
         sides = measure(solid.corners_mm[ring]).sides
         lengths = " ".join(f"{mm:.1f}" for mm in sides)
         lines.append(f"  side {k + 1}: {facet_name(kind)} {lengths} mm, seen from {plural(places, 'place')}")
-    if part.lain:
-        lines.append(f"Not seen: the side it lies on ({plural(part.lain, 'edge')} end at the table).")
+    if part.table_edges:
+        lines.append(f"Not seen: the side it lies on ({plural(part.table_edges, 'edge')} end at the table).")
     for k, count in part.open_edges:
         lines.append(f"Not seen: what is beyond {plural(count, 'edge')} of side {k + 1}.")
     if part.left_out:
@@ -113,7 +113,7 @@ def _part_lines(part: WalkedRound, looks: int) -> list[str]:
 
 
 def stored_result(
-    label: str, view: str, stl: str, part: WalkedRound, lines: list[str], data: dict[str, Any]
+    label: str, view: str, stl: str, part: LearntPart, lines: list[str], data: dict[str, Any]
 ) -> CommandResult:
     """The result of `teach --around` once the part is stored."""
     text = [f"Stored as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
@@ -123,7 +123,7 @@ def stored_result(
         "stl": stl,
         "facets": list(part.solid.types),
         "looks": list(part.looks),
-        "at_table": part.lain,
+        "at_table": part.table_edges,
         "open_edges": {str(k + 1): n for k, n in part.open_edges},
         "sigma_mm": round(part.sigma_mm, 4),
         "corners_mm": np.round(part.solid.corners_mm, 3).tolist(),

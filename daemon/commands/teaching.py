@@ -26,12 +26,12 @@ from daemon.pick.around import LEAST_PLACES, MOST_PLACES, USUAL_PLACES
 from daemon.pick.looks import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
+from daemon.teaching.drawing_summary import describe_drawing
 from daemon.teaching.foreign_drawings import in_own_format
 from daemon.teaching.mesh import UNITS_MM, MeshError, UnitError
 from daemon.teaching.solid_from_mesh import Drawing, read_drawing
-from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
 from daemon.teaching.trainer import ROUND, teaching_note
-from daemon.teaching.understood import understood
+from daemon.teaching.view_coverage import VIEWPOINTS, ConfusablePair, ViewCoverage, unconnected_facets
 from daemon.vision.model import TeachError, facet_name, facets_counted
 from daemon.vision.values import Facet
 
@@ -83,8 +83,8 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
     table = context.table_in(seen)
     moved = seen.taken.moved
     group, others = await context.study(context.trainer.check, label, left, right, table, moved)
-    facets, sides = await context.study(context.trainer.with_view, label, group)
-    apart, foreign = apart_from(group, others)
+    facets, sides = await context.study(context.trainer.preview_view, label, group)
+    apart, foreign = unconnected_facets(group, others)
     await frontend.say(facets_shown(label, facets, sides, (apart, foreign), frontend.columns))
     if any(len(other.facets) > 1 for other in others) and not frontend.asks:
         raise CommandError(f"{len(others) + 1} separate objects are in view; show the {label} alone, evenly lit")
@@ -97,7 +97,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
         )
     note = teaching_note(frontend.who, _digest(context), table, facets, moved)
     view = await context.study(context.trainer.store, label, left, right, note)
-    verdict, data = await _sufficiency(context, label)
+    verdict, data = await _coverage(context, label)
     text = f"Stored as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
     data |= {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], "apart": len(apart)}
     return CommandResult(text, data)
@@ -131,8 +131,8 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
             "Not stored. Improve the light or use more places, then repeat.", {"kept": False}, NOT_DONE
         )
     note = {"who": frontend.who, "calibration": _digest(context), "places": count}
-    view = await context.study(context.trainer.store_round, label, part.solid, note)
-    verdict, data = await _sufficiency(context, label)
+    view = await context.study(context.trainer.store_learnt_part, label, part.solid, note)
+    verdict, data = await _coverage(context, label)
     more = [verdict, "Next: `train`."]
     return teach_around.stored_result(
         label, view.name, str(view.mesh), part, more, {"beside_drawing": deviations, **data}
@@ -153,16 +153,16 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
         name, content, in_unit = await context.study(in_own_format, name, content, in_unit)
         drawing, in_unit = await _read_with_unit(context, name, content, in_unit, frontend)
         opening_mm = context.config.values.pick.gripper.widest_mm
-        summary = await context.study(understood, drawing, opening_mm)
+        summary = await context.study(describe_drawing, drawing, opening_mm)
         await frontend.say("\n".join(summary))
         label = await _label(context, words[:at], frontend, shown=False)
-        odd = await context.study(context.trainer.odd_drawing, label, name, content, in_unit)
+        odd = await context.study(context.trainer.drawing_conflict, label, name, content, in_unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
             raise CommandError(f"not stored: {odd}")
         view = await context.study(context.trainer.store_mesh, label, name, content, in_unit, {"who": frontend.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
-    verdict, data = await _sufficiency(context, label)
+    verdict, data = await _coverage(context, label)
     kinds = view.note["facets"][0]
     lines = [f"Stored as {view.name}: a solid of {plural(len(kinds), 'facet')} ({facets_counted(kinds)})."]
     lines.append(verdict)
@@ -194,7 +194,7 @@ async def _read_with_unit(
 @command("untaught")
 async def untaught(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """List parts that are not taught, and views not in use yet."""
-    missing, waiting = context.trainer.untaught(), context.trainer.waiting()
+    missing, waiting = context.trainer.untaught(), context.trainer.untrained_views()
     lines = [f"Not taught yet: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
     if waiting:
         names = ", ".join(view.name for view in waiting)
@@ -256,34 +256,34 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
     return label
 
 
-async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
+async def _coverage(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
     """What the stored views do not yet show of a part, as text and as JSON values."""
-    judged = await context.study(context.trainer.sufficiency, label)
-    if judged is None:
+    coverage = await context.study(context.trainer.coverage, label)
+    if coverage is None:
         return "", {}
-    return describe_sufficiency(judged), {"sufficiency": sufficiency_json(judged)}
+    return describe_coverage(coverage), {"sufficiency": coverage_json(coverage)}
 
 
-def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
+def describe_coverage(coverage: ViewCoverage, brief: bool = False) -> str:
     """A few lines: what is known, what was never seen, what the part could be confused with, what to show next. brief:
     one line, without the advice for the person who holds the part."""
-    known = f"{judged.label}: {plural(len(judged.facets), 'side')} known"
-    if judged.unseen:
-        known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides that were never seen"
+    known = f"{coverage.label}: {plural(len(coverage.facets), 'side')} known"
+    if coverage.unseen:
+        known += f"; from {100 * coverage.unseen:.0f} % of all directions it shows sides that were never seen"
     else:
         known += ", enough from every direction"
     lines = [known + "."]
     if brief:
-        taken = {name for m in judged.mistakes for name in m.taken_for if name not in (judged.label, "unknown")}
+        taken = {name for m in coverage.mistakes for name in m.recognised_as if name not in (coverage.label, "unknown")}
         return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
-    if judged.turn_away is not None:
-        place, kind = judged.turn_away
+    if coverage.turn_away is not None:
+        place, kind = coverage.turn_away
         lines.append(
             f"  Show next: turn it so that side {place + 1} ({facet_name(kind)}) points away from the cameras."
         )
     counts: dict[str, int] = {}
-    for mistake in judged.mistakes:
-        others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
+    for mistake in coverage.mistakes:
+        others = [name for name in mistake.recognised_as if name not in (coverage.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
         alone = facets_counted(mistake.facets, " and ")
         seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
@@ -294,7 +294,7 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
     return "\n".join(lines)
 
 
-def describe_alike(pairs: Sequence[Alike]) -> str:
+def describe_alike(pairs: Sequence[ConfusablePair]) -> str:
     """One line: the likeliest pairs of parts that could be confused, and the facets that both show."""
     described = [
         f"{' and '.join(two.labels)} seen as {facets_counted(two.facets, ' and ')} alone"
@@ -306,16 +306,16 @@ def describe_alike(pairs: Sequence[Alike]) -> str:
     return f"Could be confused: {'; '.join(described)}. A second look from another side decides."
 
 
-def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
+def coverage_json(coverage: ViewCoverage) -> dict[str, Any]:
     """The judgement as JSON values."""
     return {
-        "sides": list(judged.facets),
-        "open_edges": judged.open_edges,
-        "unseen": round(judged.unseen, 3),
-        "named": round(judged.named, 3),
+        "sides": list(coverage.facets),
+        "open_edges": coverage.open_edges,
+        "unseen": round(coverage.unseen, 3),
+        "named": round(coverage.named, 3),
         "mistakes": [
-            {"taken_for": list(m.taken_for), "facets": list(m.facets), "viewpoints": m.viewpoints}
-            for m in judged.mistakes
+            {"taken_for": list(m.recognised_as), "facets": list(m.facets), "viewpoints": m.viewpoints}
+            for m in coverage.mistakes
         ],
     }
 

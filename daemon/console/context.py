@@ -31,8 +31,8 @@ from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
-from daemon.teaching.sufficiency import Sufficiency
 from daemon.teaching.trainer import Trainer
+from daemon.teaching.view_coverage import ViewCoverage
 from daemon.vision.facets import TablePlane, table_at
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
@@ -70,7 +70,7 @@ class CommandContext:
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
     """The run's folder is large: start a new one as soon as no pick is under way."""
-    judged: tuple[int, tuple[Sufficiency, ...]] | None = None
+    coverages: tuple[int, tuple[ViewCoverage, ...]] | None = None
     """The model version checked last for sufficient views, and the result."""
     one_camera_allowed: bool = False
     """An operator permitted picking with one camera after a fault of the other."""

@@ -20,9 +20,9 @@ from daemon.store.model import ModelFile
 from daemon.store.model_store import ModelStore, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
+from daemon.teaching.part_from_looks import solid_from, solid_json, stl_of
 from daemon.teaching.solid_from_mesh import ShadedSurface, read_drawing, solid_drawn
-from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
-from daemon.teaching.walked_round import solid_from, solid_json, stl_of
+from daemon.teaching.view_coverage import ViewCoverage, assess_coverage, simulated_group
 from daemon.vision.facets import TablePlane, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
@@ -67,7 +67,7 @@ class ViewVerdict:
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedCandidate:
     """A trained candidate: its version, its verdict on every stored view, and the views that could not be learnt with
     the reason."""
 
@@ -136,7 +136,7 @@ class Trainer:
         shown = {*self.model.labels, *self.model_store.labels()}
         return [label for label in self.parts if label not in shown]
 
-    def waiting(self) -> list[StoredView]:
+    def untrained_views(self) -> list[StoredView]:
         """Stored views that the model in use was not trained on, by their names, which are never reused. Time stamps
         would not do: the clock may have been set."""
         known = {view.source for view in self.model.views}
@@ -147,7 +147,7 @@ class Trainer:
     ) -> tuple[Group, tuple[Group, ...]]:
         """The facets of the one part in view, and of other objects. Raises TeachError or VisionError where a view
         cannot be learnt."""
-        group, others = self.only_part(left, right, table, moved)
+        group, others = self.single_part(left, right, table, moved)
         learn_view(empty_model(self.library), group, label)
         return group, others
 
@@ -156,14 +156,14 @@ class Trainer:
         self.check(label, left, right, table_of(note.get("table")), places_of(note.get("moved")))
         return self.model_store.add_view(label, left, right, note)
 
-    def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
+    def drawing_conflict(self, label: str, name: str, content: bytes, unit: str) -> str | None:
         """What to ask a person before a drawing is stored under a label: it exists already, under this label or
         another, or differs from the known shape. Raises MeshError, FileError."""
         for view in self.model_store.views():
             with contextlib.suppress(FileError):  # one that cannot be read any more is not this one
                 if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
                     return f"this drawing is stored already, as {view.name}"
-        known = self.learnt()[0].metric.get(label)
+        known = self.learn_all()[0].metric.get(label)
         if known is None:
             return None
         return _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
@@ -176,13 +176,13 @@ class Trainer:
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
         return self.model_store.add_mesh(label, kind, content, note)
 
-    def store_round(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
+    def store_learnt_part(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
         """Store a part learnt from all round, with an STL of it. Raises FileError, TeachError."""
         learn_solid(empty_model(self.library), learnt, label)
         note = {"mesh": "mesh.stl", "facets": [list(learnt.types)], ROUND: solid_json(learnt), **note}
         return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
 
-    def only_part(
+    def single_part(
         self, left: Image, right: Image, table: TablePlane | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
         """The only part in view, whatever it is, found with full effort. moved: where one camera took both images.
@@ -205,16 +205,16 @@ class Trainer:
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0], tuple(g for g in groups if g is not largest[0])
 
-    def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
+    def preview_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
         """The facets of a view with their types, and the part's side that each will be, None where ambiguous. Raises
         TeachError."""
-        model = learn_view(self.learnt()[0], group, label)
+        model = learn_view(self.learn_all()[0], group, label)
         seen = recognise_part(group, model)
         if seen.recognition.label != label:  # as much like another part: how it lies is not known
             return seen.facets, [None] * len(seen.facets)
         return seen.facets, _sides(seen, model.metric[label].solid)
 
-    def learnt(self) -> tuple[Model, list[str]]:
+    def learn_all(self) -> tuple[Model, list[str]]:
         """A model of every stored view, in order, and one line for each view that could not be learnt.
 
         Drawings come last: the shape they give a part is not changed by what was measured. Before them comes what was
@@ -233,7 +233,7 @@ class Trainer:
                 elif view.mesh is not None:
                     solids.append((view.label, self._solid(view), view.name))
                 else:
-                    group, _ = self.only_part(
+                    group, _ = self.single_part(
                         *view.images(), table_of(view.note.get("table")), places_of(view.note.get("moved"))
                     )
                     model = learn_view(model, group, view.label, source=view.name)
@@ -263,13 +263,13 @@ class Trainer:
         drawing = read_drawing(view.mesh.name, _drawing(view), unit, self.library)
         return DrawnPart(drawing.solid, drawing.surface)
 
-    def train(self) -> Trained:
+    def train(self) -> TrainedCandidate:
         """Train a candidate on every stored view and try it on each. The model in use stays unchanged.
 
         Raises TeachError where there is nothing to train on, FileError.
         """
         began = perf_counter()
-        model, left_out = self.learnt()
+        model, left_out = self.learn_all()
         if not model.views:
             raise TeachError(
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
@@ -278,7 +278,7 @@ class Trainer:
         tried = ModelRecogniser(model, self.rig, (self.settings or VisionSettings()).without_time_limit())
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
-        return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
+        return TrainedCandidate(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self, version: int | None) -> int:
         """Put this candidate into use; returns its version. Raises FileError (nothing changes)."""
@@ -301,19 +301,15 @@ class Trainer:
         known = {label: self.parts[label].code for label in model.labels if label in self.parts}
         return known if len(known) == len(model.labels) else None
 
-    def judge(self, model: Model, label: str) -> Sufficiency:
-        """Judge what is still missing of a part, and what it could be confused with."""
-        return judge(model, label, self.rig)
-
-    def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
-        """Judge every part that a version knows. Raises ModelError."""
+    def coverages_of_version(self, version: int) -> tuple[ViewCoverage, ...]:
+        """Assess the view coverage of every part that a version knows. Raises ModelError."""
         model = self.model_store.load(version).model
-        return tuple(self.judge(model, label) for label in model.labels)
+        return tuple(assess_coverage(model, label, self.rig) for label in model.labels)
 
-    def sufficiency(self, label: str) -> Sufficiency | None:
-        """Judge a part by its stored views; None where none of them can be learnt."""
-        model, _ = self.learnt()
-        return self.judge(model, label) if label in model.metric else None
+    def coverage(self, label: str) -> ViewCoverage | None:
+        """Assess the coverage of a part by its stored views; None where none of them can be learnt."""
+        model, _ = self.learn_all()
+        return assess_coverage(model, label, self.rig) if label in model.metric else None
 
     def drawing(self, label: str) -> Polyhedron | None:
         """The solid of a part's newest drawing; None without one."""
@@ -337,7 +333,7 @@ class Trainer:
         learnt = {taught.sides for taught in tried.model.views if taught.source == view.name}
         every = aspects(solid)
         shown = [one for one in every if one.facets in learnt] or every  # another shape has taken the place of this one
-        groups = (imagined_group(solid, one.facets, one.towards, self.rig) for one in shown)
+        groups = (simulated_group(solid, one.facets, one.towards, self.rig) for one in shown)
         answers = [recognise_part(group, tried.model).recognition for group in groups]
         named = [one for one in answers if one.label == view.label]
         others = [one for one in answers if one.label not in (view.label, UNKNOWN)]
@@ -365,18 +361,18 @@ def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
-def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | None:
+def _another_shape(label: str, taught: Polyhedron, drawn: Polyhedron) -> str | None:
     """How a drawing differs from the known part: more facets of one kind were seen than are drawn, or corners were seen
     farther apart. None where it may be the same."""
-    lacking = Counter(known.types) - Counter(drawn.types)
-    sizes = known.size_mm, drawn.size_mm
+    lacking = Counter(taught.types) - Counter(drawn.types)
+    sizes = taught.size_mm, drawn.size_mm
     sizes_text = (
-        f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
+        f"{len(taught.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
     )
     if lacking:
         return f"{label} was taught with {sizes_text}, and no {' or '.join(sorted(lacking))}"
     larger = sizes[0] > sizes[1] + SAME_SIZE_MM
-    closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
+    closed = len(taught.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
     return f"{label} was taught with {sizes_text}" if larger or closed else None
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.teaching.sufficiency import visible_facets
+from daemon.teaching.view_coverage import visible_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid

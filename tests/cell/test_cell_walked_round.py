@@ -13,7 +13,7 @@ from daemon.arm import RefusedError
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.teaching.mesh import read_mesh
-from daemon.teaching.walked_round import deviations
+from daemon.teaching.part_from_looks import deviations
 from daemon.vision.geometry import Polyhedron
 from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_time import SimulatedLoop

@@ -24,7 +24,7 @@ SHOP_CUT = ("box", "wedge", "frustum", "triangular_prism", "hexagonal_prism")
 Pair = tuple[Drawing, Drawing]
 
 
-class Alike(NamedTuple):
+class ConfusablePair(NamedTuple):
     """Two parts of one family that could be taken for each other."""
 
     family: str
@@ -33,7 +33,7 @@ class Alike(NamedTuple):
     parts: tuple[DrawnPart, DrawnPart]
 
 
-def alike(family: str, seed: int) -> Alike:
+def alike(family: str, seed: int) -> ConfusablePair:
     """The pair of that family and seed, its kinds in turn. Either part can stand on the table."""
     rng = np.random.default_rng([*family.encode(), seed])
     kinds = FAMILIES[family]
@@ -45,7 +45,7 @@ def alike(family: str, seed: int) -> Alike:
             for label, d in zip((f"{kind}_a", f"{kind}_b"), drawings, strict=True)
         )
         if first.shape.rests and second.shape.rests:
-            return Alike(family, kind, seed, (first, second))
+            return ConfusablePair(family, kind, seed, (first, second))
 
 
 def convex(cloud: Array) -> Drawing:

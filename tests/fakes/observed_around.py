@@ -9,7 +9,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.pose_fusion import Doubt
-from daemon.teaching.sufficiency import visible_facets
+from daemon.teaching.view_coverage import visible_facets
 from daemon.vision.facets import LookFacets, shared_motion
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.values import Facet, Group

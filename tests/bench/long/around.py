@@ -22,8 +22,8 @@ from daemon.arrays import Array
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.pick.recogniser import ModelRecogniser
+from daemon.teaching.part_from_looks import Deviation, deviations
 from daemon.teaching.solid_from_mesh import DRAWN_MM
-from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
 from tests.fakes.fake_context import FakeFrontend
@@ -78,7 +78,7 @@ async def tours(folder: Path, count: int, places: int) -> tuple[Model, dict[str,
                 told[label].append((len(solid.facets), beside, seconds[0]))
                 print(f"{label:9s} rest {rest}: {row(beside, len(part.facets))}; {seconds[0]:.1f} s of the arm, "
                       f"{seconds[1]:.1f} s of the processor", flush=True)  # fmt: skip
-        model, left_out = here.context.trainer.learnt()
+        model, left_out = here.context.trainer.learn_all()
         for line in left_out:
             print(line)
         return model, told

@@ -15,8 +15,8 @@ from daemon.commands.teaching import describe_alike
 from daemon.console.interpreter import CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
-from daemon.teaching.sufficiency import VIEWPOINTS, Alike
 from daemon.teaching.trainer import Trainer
+from daemon.teaching.view_coverage import VIEWPOINTS, ConfusablePair
 from tests.fakes import drawn, fake_context, rendered
 
 
@@ -73,7 +73,10 @@ class Store:
 def with_store(folder: Path, store: Store) -> Any:
     context = fake_context.fake_context(folder)
     context.trainer = SimpleNamespace(
-        model_store=store, judge_version=lambda _: (), accept=store.accept, model=SimpleNamespace(labels=("cube",))
+        model_store=store,
+        coverages_of_version=lambda _: (),
+        accept=store.accept,
+        model=SimpleNamespace(labels=("cube",)),
     )
     context.use_model = lambda action, version: None
     return context
@@ -113,7 +116,7 @@ def test_accept_takes_no_candidate_that_somebody_trains_while_it_is_asked_about(
 
 
 def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:
-    pairs = [Alike((f"a{k}", f"b{k}"), ("square", "rectangle", "square"), 9 - k) for k in range(5)]
+    pairs = [ConfusablePair((f"a{k}", f"b{k}"), ("square", "rectangle", "square"), 9 - k) for k in range(5)]
     told = describe_alike(pairs)
     assert "a0 and b0 seen as 2 squares and 1 rectangle alone (9 directions of 60); " in told
     assert "a3" not in told

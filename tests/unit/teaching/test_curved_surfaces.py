@@ -7,8 +7,8 @@ import pytest
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
+from daemon.teaching.drawing_summary import describe_drawing
 from daemon.teaching.solid_from_mesh import Drawing, read_drawing
-from daemon.teaching.understood import understood
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import empty_model, learn_solid
 from tests.fakes import drawn
@@ -107,14 +107,16 @@ def test_a_part_of_a_solid_keeps_the_sides_that_do_not_show() -> None:
 
 
 def test_what_was_understood_is_said_with_size_frame_and_grip() -> None:
-    told = understood(drawing(*drawn.bored_block(60, 40, 20, 8.0, 36)), 50.0)
+    told = describe_drawing(drawing(*drawn.bored_block(60, 40, 20, 8.0, 36)), 50.0)
     assert told[0] == "60 x 40 x 20 mm along the drawing's x, y, z. 6 facets (6 rectangles), 2 holes in them."
     assert told[1] == "Curved, so no facets: bore of 16 mm."
     assert told[2].startswith(
         "The part's frame: its origin at (30 20 10) of the drawing, its x, y, z along the drawing's "
     )
     assert told[3] == "The gripper can hold it by flat facets 20, 40 mm apart (it opens 50 mm)."
-    assert understood(drawing(*drawn.box(80, 70, 60)), 50.0)[-1].startswith("The gripper opens 50 mm; flat facets to")
+    assert describe_drawing(drawing(*drawn.box(80, 70, 60)), 50.0)[-1].startswith(
+        "The gripper opens 50 mm; flat facets to"
+    )
 
 
 @pytest.mark.parametrize("radius", [5.0, 9.0, 22.0, 31.0])

@@ -13,8 +13,8 @@ from daemon.console.interpreter import CommandError
 from daemon.errors import NOT_UNDERSTOOD
 from daemon.store.library import load_facets, load_parts
 from daemon.teaching.mesh import MeshError, read_mesh
-from daemon.teaching.sufficiency import imagined_group
 from daemon.teaching.trainer import Trainer
+from daemon.teaching.view_coverage import simulated_group
 from daemon.vision.model import aspects
 from daemon.vision.recognition.group_recognition import recognise_part
 from tests.fakes import drawn, rendered
@@ -37,7 +37,7 @@ def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(train
     assert trained.left_out == ()
     assert [(v.view, v.named) for v in trained.verdicts] == [("brick/1", "brick"), ("cube/1", "cube")]
     trainer.accept(trainer.model_store.candidate)
-    assert trainer.waiting() == []
+    assert trainer.untrained_views() == []
     scenes = [f.parent for f in sorted(rendered.HERE.glob("*/truth.json")) if _holds(f.parent, "cube")]
     assert scenes, "a scene with a cube belongs to the test data"
     for scene in scenes:
@@ -47,7 +47,7 @@ def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(train
         assert "brick" not in named
         assert "cube" in named, (scene.name, [p.recognition.reason for p in scenery.parts])
     assert trainer.model_store.drop_views("cube") == 1
-    assert trainer.learnt()[0].labels == ("brick",)
+    assert trainer.learn_all()[0].labels == ("brick",)
 
 
 def _holds(scene: Path, label: str) -> bool:
@@ -57,9 +57,9 @@ def _holds(scene: Path, label: str) -> bool:
 def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> None:
     cube = block(50, 50, 50)
     richest = aspects(cube)[0]
-    view = imagined_group(cube, richest.facets, richest.towards, RIG)
+    view = simulated_group(cube, richest.facets, richest.towards, RIG)
     trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
-    model, left_out = trainer.learnt()
+    model, left_out = trainer.learn_all()
     assert left_out == []
     assert recognise_part(view, model).recognition.label == "cube"
 
@@ -181,16 +181,16 @@ def test_what_was_mended_is_said_and_a_name_that_is_no_utf8_is_kept(trainer: Tra
 
 def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) -> None:
     cube = drawn.binary_stl(*CUBE)
-    assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
+    assert trainer.drawing_conflict("cube", "cube.stl", cube, "mm") is None
     trainer.store_mesh("cube", "cube.stl", cube, "mm", {})
     for label in ("cube", "block"):
-        assert trainer.odd_drawing(label, "again.stl", cube, "mm") == "this drawing is stored already, as cube/1"
+        assert trainer.drawing_conflict(label, "again.stl", cube, "mm") == "this drawing is stored already, as cube/1"
     ring = [(20 * np.cos(a), 20 * np.sin(a)) for a in np.arange(24) * 2 * np.pi / 24]
     round_one = drawn.obj(*drawn.prism(ring, 40.0))
-    told = trainer.odd_drawing("cube", "cylinder.obj", round_one, "mm")
+    told = trainer.drawing_conflict("cube", "cylinder.obj", round_one, "mm")
     assert told is not None
     assert told.startswith("cube was taught with 6 facets, 87 mm across; this drawing has 2, 57 mm, and no square")
-    larger = trainer.odd_drawing("cube", "cube.obj", drawn.obj(*drawn.box(80, 80, 80)), "mm")
+    larger = trainer.drawing_conflict("cube", "cube.obj", drawn.obj(*drawn.box(80, 80, 80)), "mm")
     assert larger is not None
     assert "139 mm" in larger
 
@@ -201,7 +201,7 @@ def test_a_drawing_that_cannot_be_read_any_more_keeps_nobody_from_teaching_anoth
     assert mesh is not None
     mesh.unlink()
     mesh.mkdir()
-    assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
+    assert trainer.drawing_conflict("cube", "cube.stl", cube, "mm") is None
 
 
 def test_a_line_is_counted_as_a_persons_editor_counts_it() -> None:

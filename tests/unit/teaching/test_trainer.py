@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daemon.teaching.sufficiency import imagined_view
 from daemon.teaching.trainer import Trainer
+from daemon.teaching.view_coverage import simulated_view
 from daemon.vision.model.model import TeachError
 from daemon.vision.settings import MemorySettings, VisionSettings
 from tests.fakes import drawn, rendered
@@ -18,7 +18,7 @@ from tests.fakes.taught import scenes, taught
 
 def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(trainer: Trainer) -> None:
     labels = taught(trainer)
-    assert [view.label for view in trainer.waiting()] == sorted(labels)
+    assert [view.label for view in trainer.untrained_views()] == sorted(labels)
     before = trainer.in_use
     trained = trainer.train()
     assert trained.left_out == ()
@@ -27,7 +27,7 @@ def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(train
     assert before.labels == ()
     assert trainer.accept(trainer.model_store.candidate) == trained.version
     assert set(trainer.in_use.labels) == set(labels)
-    assert trainer.waiting() == []
+    assert trainer.untrained_views() == []
     again = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts)
     assert again.model.labels == trainer.model.labels, "a restart finds the model that was accepted"
 
@@ -57,7 +57,7 @@ def test_what_hangs_together_nowhere_is_not_told_to_be_so_many_parts(
     monkeypatch.setattr("daemon.vision.look.look", lambda *_, **__: scene)
     grey = np.full((480, 640), 90, np.uint8)
     with pytest.raises(TeachError, match=told):
-        trainer.only_part(grey, grey, None)
+        trainer.single_part(grey, grey, None)
 
 
 def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Trainer) -> None:
@@ -85,10 +85,10 @@ def test_a_note_with_an_unknown_unit_or_half_a_place_spoils_its_own_view_and_no_
 def test_the_sides_of_a_view_that_could_be_another_part_are_not_told(trainer: Trainer) -> None:
     """How such a part lies is not known, and those of a small one were told by chance: the nearest of any turn."""
     trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(12, 16, 24)), "mm", {})
-    view = imagined_view(drawn.block(12, 16, 24), np.array([0.6, 0.5, 0.62]), trainer.rig)
+    view = simulated_view(drawn.block(12, 16, 24), np.array([0.6, 0.5, 0.62]), trainer.rig)
     assert view is not None
-    assert trainer.with_view("block", view)[1] == [None] * 3
-    assert sorted(map(str, trainer.with_view("brick", view)[1])) != ["None"] * 3
+    assert trainer.preview_view("block", view)[1] == [None] * 3
+    assert sorted(map(str, trainer.preview_view("brick", view)[1])) != ["None"] * 3
 
 
 def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(trainer: Trainer) -> None:
@@ -115,14 +115,14 @@ def test_a_view_taught_after_a_forgotten_one_is_not_in_use_yet_whatever_the_cloc
     assert trainer.model_store.drop_views(last.label, last.number) == 1
     again = trainer.model_store.add_view(last.label, *pictures, {"taught": "1999-01-01T00:00:00+00:00"})
     assert again.number == last.number + 1
-    assert [view.name for view in trainer.waiting()] == [again.name]
+    assert [view.name for view in trainer.untrained_views()] == [again.name]
     for view in trainer.model_store.views():
         note = view.folder / "view.json"
         note.write_text(json.dumps({**json.loads(note.read_text()), "taught": "2999-01-01T00:00:00+00:00"}))
-    assert [view.name for view in trainer.waiting()] == [again.name]
+    assert [view.name for view in trainer.untrained_views()] == [again.name]
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
-    assert trainer.waiting() == []
+    assert trainer.untrained_views() == []
     trainer.model_store.drop_views(last.label)
     assert trainer.model_store.add_view(last.label, *pictures, {}).number == again.number + 1
 
@@ -135,4 +135,4 @@ def test_a_model_recalls_as_the_settings_say_that_it_was_trained_with(trainer: T
     kept = trainer.model_store.load(version).model
     assert kept.parameters == loose
     assert kept.artmap.beta == loose.beta
-    assert trainer.learnt()[0].parameters == MemorySettings()
+    assert trainer.learn_all()[0].parameters == MemorySettings()

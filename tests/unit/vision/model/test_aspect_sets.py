@@ -6,7 +6,7 @@ import numpy as np
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
-from daemon.teaching.sufficiency import imagined_view, judge
+from daemon.teaching.view_coverage import assess_coverage, simulated_view
 from daemon.vision.model import aspects, learn_solid
 from daemon.vision.model.aspect_sets import OBLIQUE
 from daemon.vision.model.model import empty_model, learn_view
@@ -47,7 +47,7 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
         metric = model.metric[label].solid
         lengths = {round(float(np.linalg.norm(metric.corners_mm[a] - metric.corners_mm[b]))) for a, b in metric.edges}
         assert lengths == sides
-        told = judge(model, label, RIG)
+        told = assess_coverage(model, label, RIG)
         assert told.complete
         assert told.unseen == 0
         assert all(len(mistake.facets) == 1 for mistake in told.mistakes), "only a single facet is no proof"
@@ -57,7 +57,7 @@ def test_a_drawn_shape_stays_the_drawings_when_a_view_of_many_facets_makes_the_m
     model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), "brick", "brick/1")
     outline = [(0.0, 0.0), *((80.0 - 20 * (k // 2), 10.0 * ((k + 1) // 2)) for k in range(8)), (0.0, 40.0)]
     stairs = solid("stairs.obj", drawn.obj(*drawn.prism(outline, 40)))
-    view = imagined_view(stairs, np.array([0.6, 0.6, 0.53]), RIG)
+    view = simulated_view(stairs, np.array([0.6, 0.6, 0.53]), RIG)
     assert view is not None
     assert len(view.facets) > model.artmap.slots
     larger = learn_view(model, view, "stairs")

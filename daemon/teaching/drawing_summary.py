@@ -14,7 +14,7 @@ ALONG_COS = np.cos(np.radians(0.5))
 OPPOSITE_COS = -np.cos(np.radians(3.0))
 
 
-def understood(drawing: Drawing, opening_mm: float | None) -> list[str]:
+def describe_drawing(drawing: Drawing, opening_mm: float | None) -> list[str]:
     """Size, facets, holes, other surfaces, repairs, the part's frame, and how a gripper could hold it, as lines of
     text."""
     size = " x ".join(f"{side:.4g}" for side in drawing.size_mm)
@@ -32,12 +32,12 @@ def understood(drawing: Drawing, opening_mm: float | None) -> list[str]:
     return lines
 
 
-def _axis(way: Array) -> str:
+def _axis(direction: Array) -> str:
     """+x, -y, or a direction in numbers."""
-    k = int(np.abs(way).argmax())
-    if abs(way[k]) > ALONG_COS:
-        return f"{'+' if way[k] > 0 else '-'}{'xyz'[k]}"
-    return f"({' '.join(f'{value + 0.0:.2f}' for value in np.round(way, 2))})"
+    k = int(np.abs(direction).argmax())
+    if abs(direction[k]) > ALONG_COS:
+        return f"{'+' if direction[k] > 0 else '-'}{'xyz'[k]}"
+    return f"({' '.join(f'{value + 0.0:.2f}' for value in np.round(direction, 2))})"
 
 
 def _held(solid: Polyhedron, opening_mm: float) -> str:

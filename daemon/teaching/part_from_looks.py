@@ -30,7 +30,7 @@ FIT_MM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class WalkedRound:
+class LearntPart:
     """A part learnt from all round. solid: in the base frame's axes, about its middle, typed; looks (F,): from how many
     places each side was seen; lain: number of its edges that end at the table; open_edges: (facet, count) of others
     beyond which nothing was seen; left_out: number of sides seen too little; sigma_mm: of its corners, the median
@@ -38,13 +38,13 @@ class WalkedRound:
 
     solid: Polyhedron
     looks: tuple[int, ...]
-    lain: int
+    table_edges: int
     open_edges: tuple[tuple[int, int], ...]
     left_out: int
     sigma_mm: float
 
 
-def learnt_round(fused: FusedLooks | None, table_mm: float, library: FacetLibrary) -> WalkedRound:
+def learn_from_looks(fused: FusedLooks | None, table_mm: float, library: FacetLibrary) -> LearntPart:
     """The one part that looks from all round measured. Raises TeachError where they show none."""
     if fused is None:
         raise TeachError("none of the places showed a facet of it")
@@ -61,18 +61,18 @@ def learnt_round(fused: FusedLooks | None, table_mm: float, library: FacetLibrar
     part = only(part, whole)
     solid = part.polyhedron
     alone = [edge for edge in solid.edges if edge[::-1] not in solid.edges]
-    lain = [edge for edge in alone if _at_table(solid, edge, table_mm)]
-    others = [solid.edges[edge][0] for edge in alone if edge not in lain]
+    table_edges = [edge for edge in alone if _at_table(solid, edge, table_mm)]
+    others = [solid.edges[edge][0] for edge in alone if edge not in table_edges]
     middle = solid.corners_mm.mean(0)
     count = len(solid.corners_mm)
     centring = np.kron(np.eye(count) - 1 / count, np.eye(3))
     every = (centring @ part.covariance_mm2 @ centring.T).reshape(count, 3, count, 3)
     blocks = np.asarray(every[range(count), :, range(count), :])
     types = tuple(type_facet(solid.corners_mm[r], blocks[r], library)[0].name for r in solid.rings)
-    return WalkedRound(
+    return LearntPart(
         Polyhedron(solid.corners_mm - middle, solid.facets, blocks, types),
         tuple(int(n) for n in part.seen.sum(0)),
-        len(lain),
+        len(table_edges),
         tuple((k, others.count(k)) for k in sorted(set(others))),
         len(sides) - len(whole),
         float(np.median(np.sqrt(np.trace(blocks, axis1=1, axis2=2) / 3))),
@@ -93,7 +93,7 @@ def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
     return set(range(len(solid.facets))) - open_ones
 
 
-def _ends(part: FusedLooks, facet: int, seen: int) -> bool:
+def _ends(part: FusedLooks, facet: int, look_count: int) -> bool:
     """Whether a facet that others do not close in really ends where it was seen to: nothing is in front of it and no
     open edge of another one lies in its plane; or it was measured often."""
     solid = part.polyhedron
@@ -105,7 +105,7 @@ def _ends(part: FusedLooks, facet: int, seen: int) -> bool:
         if owner != facet and edge[::-1] not in solid.edges
     )
     free = off.max() < IN_PLANE_MM and not goes_on
-    return bool(free or (seen >= LEAST_OPEN and part.looks_at[ring].all()))
+    return bool(free or (look_count >= LEAST_OPEN and part.looks_at[ring].all()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,15 +123,19 @@ class Deviation:
 def deviations(learnt: Polyhedron, drawn: Polyhedron) -> tuple[Deviation | None, ...]:
     """Compare each learnt side with the drawing's, None for one that the drawing does not have; all None where the two
     cannot be aligned."""
-    ways = [way for way in correspondences(learnt, drawn, may_add=True) if (way.corners >= 0).sum() > 2]
-    if not ways:
+    candidates = [
+        correspondence
+        for correspondence in correspondences(learnt, drawn, may_add=True)
+        if (correspondence.corners >= 0).sum() > 2
+    ]
+    if not candidates:
         return (None,) * len(learnt.facets)
-    fits = [(_fit(learnt, drawn, way.corners), way) for way in ways]
-    fit, way = min(fits, key=lambda pair: (-pair[1].explained, float(pair[0].rms_mm[0])))
+    fits = [(_fit(learnt, drawn, correspondence.corners), correspondence) for correspondence in candidates]
+    fit, correspondence = min(fits, key=lambda pair: (-pair[1].explained, float(pair[0].rms_mm[0])))
     there = frames.apply(fit.poses[0], drawn.corners_mm)
     found = list[Deviation | None]()
-    for ring, facet in zip(learnt.rings, way.facets, strict=True):
-        to = way.corners[ring]
+    for ring, facet in zip(learnt.rings, correspondence.facets, strict=True):
+        to = correspondence.corners[ring]
         if facet < 0 or (to < 0).any():
             found.append(None)
             continue

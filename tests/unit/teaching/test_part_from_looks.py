@@ -9,7 +9,7 @@ import pytest
 
 from daemon.store.library import load_facets
 from daemon.teaching.mesh import read_mesh
-from daemon.teaching.walked_round import deviations, learnt_round, solid_from, solid_json, stl_of
+from daemon.teaching.part_from_looks import deviations, learn_from_looks, solid_from, solid_json, stl_of
 from daemon.vision.facets import FusedLooks, fuse, only
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TeachError
@@ -33,9 +33,9 @@ def sure(part: Polyhedron) -> Polyhedron:
 
 
 def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: FusedLooks) -> None:
-    part = learnt_round(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
+    part = learn_from_looks(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     assert len(part.solid.facets) == len(L_PART.facets) - 1
-    assert part.lain == 6
+    assert part.table_edges == 6
     assert part.open_edges == ()
     assert part.left_out == 0
     assert part.sigma_mm < 0.1
@@ -45,8 +45,8 @@ def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: FusedLooks) -> None:
 def test_a_missing_side_is_told_by_the_edges_it_leaves_open(fused: FusedLooks) -> None:
     upright = [k for k, ring in enumerate(fused.polyhedron.rings) if len(ring) == 4]
     rest = only(fused, [k for k in range(len(fused.polyhedron.facets)) if k != upright[0]])
-    part = learnt_round(rest, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
-    assert sum(count for _, count in part.open_edges) + part.lain == part.solid.open_edges
+    part = learn_from_looks(rest, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
+    assert sum(count for _, count in part.open_edges) + part.table_edges == part.solid.open_edges
 
 
 def test_a_side_with_a_corner_that_nothing_holds_is_left_out(fused: FusedLooks) -> None:
@@ -55,17 +55,17 @@ def test_a_side_with_a_corner_that_nothing_holds_is_left_out(fused: FusedLooks) 
     corner = solid_seen.facets[-1][0]
     spread[corner] += 9.0 * np.eye(3)
     wide = replace(fused, polyhedron=replace(solid_seen, covariance_mm2=spread))
-    part = learnt_round(wide, solid_seen.corners_mm[:, 2].min(), LIBRARY)
+    part = learn_from_looks(wide, solid_seen.corners_mm[:, 2].min(), LIBRARY)
     assert part.left_out >= sum(corner in ring for ring in solid_seen.facets)
 
 
 def test_nothing_seen_is_nothing_learnt() -> None:
     with pytest.raises(TeachError, match="none of the places"):
-        learnt_round(None, 0.0, LIBRARY)
+        learn_from_looks(None, 0.0, LIBRARY)
 
 
 def test_a_learnt_solid_lies_on_its_drawing_side_by_side(fused: FusedLooks) -> None:
-    part = learnt_round(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
+    part = learn_from_looks(fused, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     beside = deviations(part.solid, sure(L_PART))
     assert len({one.facet for one in beside if one}) == len(L_PART.facets) - 1
     assert max(one.off_mm for one in beside if one) < 0.3

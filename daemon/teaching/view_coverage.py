@@ -18,7 +18,7 @@ from daemon.vision.values import UNKNOWN, Facet, Group
 
 VIEWPOINTS = 60
 DISTANCE_MM = 400.0
-HIDDEN_SHARE = 0.9
+HIDDEN_FRACTION = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +26,13 @@ class Mistake:
     """Viewpoints from which a part is not named: what it is taken for (several where that is ambiguous), which facets
     are in view, and the number of viewpoints."""
 
-    taken_for: tuple[str, ...]
+    recognised_as: tuple[str, ...]
     facets: tuple[str, ...]
     viewpoints: int
 
 
 @dataclass(frozen=True, eq=False)
-class Sufficiency:
+class ViewCoverage:
     """The judgement on one label: facets known, by type; open edges, beyond which nothing was seen; share of viewpoints
     never seen, and named correctly; the mistakes; the facet (index, type) that should point away from the cameras in
     the next view."""
@@ -52,7 +52,7 @@ class Sufficiency:
 
 
 @dataclass(frozen=True, eq=False)
-class Alike:
+class ConfusablePair:
     """Two parts that could be confused: the most facets in view for which that is so, by type, and from how many
     viewpoints of one part."""
 
@@ -61,7 +61,7 @@ class Alike:
     viewpoints: int
 
 
-def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
+def assess_coverage(model: Model, label: str, rig: StereoRig) -> ViewCoverage:
     """Try to recognise a taught part from all round. Raises KeyError for a label that is not taught."""
     solid = model.metric[label].solid
     unseen, named, mistakes = 0, 0, Counter[tuple[tuple[str, ...], tuple[str, ...]]]()
@@ -70,34 +70,34 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     for towards in directions:
         facing = solid.areas_mm2 @ towards
         front, back = float(facing.clip(0).sum()), float((-facing).clip(0).sum())
-        if front < HIDDEN_SHARE * back:
+        if front < HIDDEN_FRACTION * back:
             unseen += 1
             best = max(best, (back - front, towards), key=lambda pair: pair[0])
             continue
-        seen = imagined_view(solid, towards, rig)
-        if seen is None:
+        group = simulated_view(solid, towards, rig)
+        if group is None:
             continue
-        verdict = recognise_part(seen, model).recognition
+        verdict = recognise_part(group, model).recognition
         if verdict.label == label:
             named += 1
         else:
-            taken = tuple(sorted(verdict.candidates)) or (verdict.label,)
-            mistakes[taken, tuple(sorted(f.type for f in seen.facets))] += 1
-    return Sufficiency(
+            labels = tuple(sorted(verdict.candidates)) or (verdict.label,)
+            mistakes[labels, tuple(sorted(f.type for f in group.facets))] += 1
+    return ViewCoverage(
         label=label,
         facets=solid.types,
         open_edges=solid.open_edges,
         unseen=unseen / len(directions),
         named=named / len(directions),
-        mistakes=tuple(Mistake(taken, facets, n) for (taken, facets), n in mistakes.most_common()),
+        mistakes=tuple(Mistake(labels, facets, n) for (labels, facets), n in mistakes.most_common()),
         turn_away=None if best[1] is None else _opposite(solid, best[1]),
     )
 
 
-def apart_from(shown: Group, others: Sequence[Group]) -> tuple[list[Facet], list[Facet]]:
+def unconnected_facets(group: Group, others: Sequence[Group]) -> tuple[list[Facet], list[Facet]]:
     """Facets in view that share no edge with those of the part: first those that may be its own, as they are nearer to
     it than its size (such a view teaches nothing about them); then those of other objects."""
-    corners = np.concatenate([facet.corners_mm for facet in shown.facets])
+    corners = np.concatenate([facet.corners_mm for facet in group.facets])
     reach_mm = _apart(corners, corners).max()
     beside = [(facet, _apart(facet.corners_mm, corners).min()) for other in others for facet in other.facets]
     return [f for f, mm in beside if mm < reach_mm], [f for f, mm in beside if mm >= reach_mm]
@@ -108,27 +108,27 @@ def _apart(these: Array, those: Array) -> Array:
     return np.asarray(np.linalg.norm(these[:, None] - those, axis=2))
 
 
-def alike(judged: Iterable[Sufficiency]) -> tuple[Alike, ...]:
+def confusable_pairs(coverages: Iterable[ViewCoverage]) -> tuple[ConfusablePair, ...]:
     """All pairs of parts that could be confused, those with the most shared facets first."""
-    worst: dict[tuple[str, str], Alike] = {}
-    for one in judged:
+    worst: dict[tuple[str, str], ConfusablePair] = {}
+    for one in coverages:
         for mistake in one.mistakes:
-            for other in set(mistake.taken_for) - {one.label, UNKNOWN}:
+            for other in set(mistake.recognised_as) - {one.label, UNKNOWN}:
                 first, second = sorted((one.label, other))
-                found = Alike((first, second), mistake.facets, mistake.viewpoints)
-                worst[first, second] = max(worst.get((first, second), found), found, key=_how_alike)
-    return tuple(sorted(worst.values(), key=_how_alike, reverse=True))
+                found = ConfusablePair((first, second), mistake.facets, mistake.viewpoints)
+                worst[first, second] = max(worst.get((first, second), found), found, key=_severity)
+    return tuple(sorted(worst.values(), key=_severity, reverse=True))
 
 
-def _how_alike(two: Alike) -> tuple[int, int]:
+def _severity(two: ConfusablePair) -> tuple[int, int]:
     return len(two.facets), two.viewpoints
 
 
-def imagined_view(solid: Polyhedron, towards: Array, rig: StereoRig) -> Group | None:
+def simulated_view(solid: Polyhedron, towards: Array, rig: StereoRig) -> Group | None:
     """The facets measured with the cameras in direction `towards` (3,) of the part, at 400 mm; None when none faces
     them. Corners have the covariance of CORNER_PX of corner error at that distance."""
-    shown = visible_facets(solid, towards)
-    return imagined_group(solid, shown, towards, rig) if shown else None
+    facets = visible_facets(solid, towards)
+    return simulated_group(solid, facets, towards, rig) if facets else None
 
 
 def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACING) -> tuple[int, ...]:
@@ -140,15 +140,19 @@ def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACI
     return tuple(np.flatnonzero(visible_from(solid, towards[None], least_facing)[0]).tolist())
 
 
-def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
+def simulated_group(solid: Polyhedron, indices: Sequence[int], towards: Array, rig: StereoRig) -> Group:
     """These facets as measured from there, with their own types."""
-    corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
+    corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _cyclopean_from_part(towards).T + [
+        0.0,
+        0.0,
+        DISTANCE_MM,
+    ]
     spread_mm2 = corner_covariance(rig, DISTANCE_MM)
-    facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
-    return Group(facets, tuple(solid.facets[k] for k in shown))
+    facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in indices)
+    return Group(facets, tuple(solid.facets[k] for k in indices))
 
 
-def _turned_to(towards: Array) -> Array:
+def _cyclopean_from_part(towards: Array) -> Array:
     """(3, 3) cyclopean_from_part rotation that turns the part's direction `towards` to the cameras (-z)."""
     z = -towards
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)

@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from daemon.teaching.sufficiency import (
+from daemon.teaching.trainer import Trainer
+from daemon.teaching.view_coverage import (
     Mistake,
-    Sufficiency,
-    alike,
-    apart_from,
-    imagined_view,
-    judge,
+    ViewCoverage,
+    assess_coverage,
+    confusable_pairs,
+    simulated_view,
     spread,
+    unconnected_facets,
     visible_facets,
     visible_from,
 )
-from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from tests.fakes import drawn
 from tests.fakes.taught import taught
@@ -43,7 +43,7 @@ def test_directions_are_unit_vectors_all_round() -> None:
 
 def test_an_imagined_view_shows_the_facets_that_face_the_cameras(trainer: Trainer) -> None:
     towards = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
-    view = imagined_view(box(50, 60, 70), towards, trainer.rig)
+    view = simulated_view(box(50, 60, 70), towards, trainer.rig)
     assert view is not None
     assert len(view.facets) == 3
     assert view.touching.sum() == 6
@@ -57,7 +57,7 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
     taught(trainer)
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
-    cube = judge(trainer.model, "cube", trainer.rig)
+    cube = assess_coverage(trainer.model, "cube", trainer.rig)
     assert len(cube.facets) == 3
     assert cube.open_edges == 6
     assert 0.3 < cube.unseen < 0.6, "three of six sides are known"
@@ -70,14 +70,14 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
 def test_a_side_that_meets_none_of_the_others_is_told_from_what_lies_elsewhere(trainer: Trainer) -> None:
     """A bracket shown alone: its third side, whose edge no camera saw, was told to be something else's, and nobody was
     told what to do about it."""
-    view = imagined_view(box(50, 60, 70), np.array([1.0, 1.0, 1.0]) / np.sqrt(3), trainer.rig)
+    view = simulated_view(box(50, 60, 70), np.array([1.0, 1.0, 1.0]) / np.sqrt(3), trainer.rig)
     assert view is not None
     shown, lone = view.only([0, 1]), view.only([2])
     near = replace(lone.facets[0], corners_mm=lone.facets[0].corners_mm + 10.0)
     far = replace(near, corners_mm=near.corners_mm + 300.0)
     others = [replace(lone, facets=(facet,)) for facet in (far, near)]
-    assert apart_from(shown, others) == ([near], [far])
-    assert apart_from(shown, []) == ([], [])
+    assert unconnected_facets(shown, others) == ([near], [far])
+    assert unconnected_facets(shown, []) == ([], [])
 
 
 def test_many_directions_at_once_see_what_each_alone_sees() -> None:
@@ -89,10 +89,10 @@ def test_many_directions_at_once_see_what_each_alone_sees() -> None:
 
 
 def test_two_parts_are_as_alike_as_the_view_of_most_facets_that_leaves_them_open() -> None:
-    def one(label: str, *mistakes: Mistake) -> Sufficiency:
-        return Sufficiency(label, ("square",) * 6, 0, 0.0, 0.5, mistakes, None)
+    def one(label: str, *mistakes: Mistake) -> ViewCoverage:
+        return ViewCoverage(label, ("square",) * 6, 0, 0.0, 0.5, mistakes, None)
 
-    pairs = alike(
+    pairs = confusable_pairs(
         [
             one("a", Mistake(("a", "b"), ("square",), 9), Mistake(("unknown",), ("triangle",), 5)),
             one("b", Mistake(("a", "b", "c"), ("square", "square"), 2), Mistake(("a",), ("square", "square"), 4)),
