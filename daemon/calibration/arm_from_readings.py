@@ -60,7 +60,7 @@ class NoArmError(FacetdError):
 
 
 @dataclass(frozen=True, eq=False)
-class ArmFound:
+class ArmEstimate:
     """The arm identified from readings.
 
     zeros_deg (6,), within +-180. a2_mm, a3_mm, d3_mm, d4_mm: as in the Denavit-Hartenberg table; a3 is not negative
@@ -127,7 +127,7 @@ class _Model:
     jacobian: Array
 
 
-def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float] = DIGITS) -> ArmFound:
+def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float] = DIGITS) -> ArmEstimate:
     """Identify the arm from (N, 4, 4) poses, mm, and (N, 6) joint angles as reported, degrees; digits: last decimal of
     each. Joint 1 turns about the world's z: VAL's BASE has no other rotation, and joint 1's zero contains it. Raises
     NoArmError.
@@ -136,64 +136,65 @@ def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, fl
         raise NoArmError(f"{len(world_from_tool)} readings: at least {LEAST_READINGS} are needed, better a dozen")
     readings = _read(world_from_tool, printed_deg, digits)
     best: list[_Model] = []
-    for most in STARTS:
+    for start_count in STARTS:
         if not best:
-            fits = (_fitted(convention, most, readings) for convention in _conventions())
+            fits = (_fit_convention(convention, start_count, readings) for convention in _conventions())
             best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
     if not best:
         raise NoArmError("no arm with a PUMA's wrist fits these readings: their orientations fit no such joints")
-    found = _canonical(best[0], readings)
-    data = found.residuals[: 12 * len(readings)]
+    estimate = _canonical(best[0], readings)
+    data = estimate.residuals[: 12 * len(readings)]
     if float(np.sqrt(np.mean(data**2))) > FITS:
         raise NoArmError(
             f"no PUMA-like arm fits these readings: the nearest misses their positions by "
             f"{_rms(data[9 * len(readings) :]) * readings.place_mm:.2f} mm"
         )
-    return _arm_found(found, readings)
+    return _arm_found(estimate, readings)
 
 
-def refined(
-    found: ArmFound,
+def refine_arm(
+    estimate: ArmEstimate,
     world_from_tool: Array,
     printed_deg: Array,
     lengths_mm: Sequence[float],
     digits: tuple[float, float] = DIGITS,
-) -> ArmFound:
+) -> ArmEstimate:
     """Fit the same arm again with published lengths (a2, a3, d3, d4): zeros that are compatible with quarter turns, and
     a base and a flange that are compatible with the factory's, are set to these; the rest is fitted to the readings."""
-    x = _parameters(found)
-    known = {NAMES.index(name): value for name, value in zip(LENGTHS, lengths_mm, strict=True)}
+    x = _parameters(estimate)
+    fixed = {NAMES.index(name): value for name, value in zip(LENGTHS, lengths_mm, strict=True)}
     for k in range(ANGLES):
         quarter = np.radians(90.0 * round(float(np.degrees(x[k])) / 90.0))
-        if abs(x[k] - quarter) <= np.radians(WITHIN_SIGMAS * found.sigma[NAMES[k]] + 1e-3):
-            known[k] = float(quarter)
-    known |= _aligned(x, found)
-    x[list(known)] = list(known.values())
+        if abs(x[k] - quarter) <= np.radians(WITHIN_SIGMAS * estimate.sigma[NAMES[k]] + 1e-3):
+            fixed[k] = float(quarter)
+    fixed |= _nominal_parameters(x, estimate)
+    x[list(fixed)] = list(fixed.values())
     readings = _read(world_from_tool, printed_deg, digits)
-    return _arm_found(_at(found.convention, x, readings, known), readings)
+    return _arm_found(_fit_from(estimate.convention, x, readings, fixed), readings)
 
 
-def _aligned(x: Array, found: ArmFound) -> dict[int, float]:
+def _nominal_parameters(x: Array, estimate: ArmEstimate) -> dict[int, float]:
     """Parameters of tool and base that are compatible with none: base where axes 1 and 2 cross, flange square on axis
     6."""
-    known: dict[int, float] = {}
+    fixed: dict[int, float] = {}
     for together in ((12, 13), (15, 16, 17)):
-        if all(abs(x[k]) <= WITHIN_SIGMAS * found.sigma[NAMES[k]] for k in together):
-            known |= dict.fromkeys(together, 0.0)
+        if all(abs(x[k]) <= WITHIN_SIGMAS * estimate.sigma[NAMES[k]] for k in together):
+            fixed |= dict.fromkeys(together, 0.0)
     tool = frames.rotation_from_vector(x[9:12])
     quarter = np.pi / 2 * round(float(np.arctan2(tool[1, 0], tool[0, 0])) / (np.pi / 2))
     off_deg = np.degrees(np.linalg.norm(frames.vector_from_rotation(about_z(-quarter) @ tool)))
-    if off_deg <= WITHIN_SIGMAS * max(found.sigma[name] for name in NAMES[9:12]) + 1e-3:
-        known |= {9: 0.0, 10: 0.0, 11: quarter}
-    return known
+    if off_deg <= WITHIN_SIGMAS * max(estimate.sigma[name] for name in NAMES[9:12]) + 1e-3:
+        fixed |= {9: 0.0, 10: 0.0, 11: quarter}
+    return fixed
 
 
-def _parameters(found: ArmFound) -> Array:
+def _parameters(estimate: ArmEstimate) -> Array:
     """(18,) in the order of NAMES; the tool's rotation contains joint 6's zero."""
-    zeros, tool = np.radians(found.zeros_deg), found.wrist_from_tool
+    zeros, tool = np.radians(estimate.zeros_deg), estimate.wrist_from_tool
     return np.concatenate([
-        [zeros[0], zeros[1], zeros[1] + zeros[2], zeros[3], zeros[4]], found.lengths_mm,
-        frames.vector_from_rotation(about_z(zeros[5]) @ tool[:3, :3]), about_z(zeros[5]) @ tool[:3, 3], found.base_mm,
+        [zeros[0], zeros[1], zeros[1] + zeros[2], zeros[3], zeros[4]], estimate.lengths_mm,
+        frames.vector_from_rotation(about_z(zeros[5]) @ tool[:3, :3]), about_z(zeros[5]) @ tool[:3, 3],
+        estimate.base_mm,
     ])  # fmt: skip
 
 
@@ -201,9 +202,9 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2) * 3))
 
 
-def poses(found: ArmFound, printed_deg: Array) -> Array:
+def poses(estimate: ArmEstimate, printed_deg: Array) -> Array:
     """Tool poses (N, 4, 4) mm of the arm at (N, 6) reported angles, degrees."""
-    turns, places = tool_places(_parameters(found)[None], found.convention, np.radians(printed_deg))
+    turns, places = tool_places(_parameters(estimate)[None], estimate.convention, np.radians(printed_deg))
     made = np.tile(np.eye(4), (len(printed_deg), 1, 1))
     made[:, :3, :3], made[:, :3, 3] = turns[0], places[0]
     return made
@@ -218,13 +219,13 @@ def _conventions() -> Iterator[Convention]:
         yield Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
 
 
-def _starts(convention: Convention, most: int, readings: _Readings) -> Iterator[Array]:
+def _starts(convention: Convention, start_count: int, readings: _Readings) -> Iterator[Array]:
     """The best starts (8,) for the fit of orientations: the five zeros, then the tool's rotation."""
     grid = np.array(list(product(GRID_RAD, repeat=3)))
     zeros = np.column_stack([np.zeros((len(grid), 2)), grid])
     flange = flange_turns(arm_angles(zeros, convention, readings.printed))
     first, tools, misfit = _both_ends(flange, readings.turns)
-    for k in np.argsort(misfit)[:most]:
+    for k in np.argsort(misfit)[:start_count]:
         yield np.concatenate([[first[k]], zeros[k, 1:], frames.vector_from_rotation(tools[k])])
 
 
@@ -256,31 +257,31 @@ def _axes(turns: Array) -> Array:
 # Least squares
 
 
-def _fitted(convention: Convention, most: int, readings: _Readings) -> _Model | None:
+def _fit_convention(convention: Convention, start_count: int, readings: _Readings) -> _Model | None:
     """Fit one convention, or None: orientations first, then lengths linearly, then everything together."""
     turn_only = _problem(convention, readings, places=False)
-    for start in _starts(convention, most, readings):
+    for start in _starts(convention, start_count, readings):
         x = np.concatenate([start[:5], np.zeros(4), start[5:], np.zeros(6)])
         x, residuals, _ = minimise(turn_only, x, PASSES)
         if _rms(residuals) < 10.0 * FITS:
-            return _at(convention, _lengths(x, convention, readings), readings, NOTHING_FIXED)
+            return _fit_from(convention, _lengths(x, convention, readings), readings, NOTHING_FIXED)
     return None
 
 
-def _at(convention: Convention, x: Array, readings: _Readings, known: Mapping[int, float]) -> _Model:
+def _fit_from(convention: Convention, x: Array, readings: _Readings, fixed: Mapping[int, float]) -> _Model:
     """The least-squares fit of one convention from start x; known: fixed values by parameter."""
-    x, residuals, jacobian = minimise(_problem(convention, readings, known), x)
+    x, residuals, jacobian = minimise(_problem(convention, readings, fixed), x)
     return _Model(convention, x, float(residuals @ residuals), residuals, jacobian)
 
 
 def _problem(
-    convention: Convention, readings: _Readings, known: Mapping[int, float] = NOTHING_FIXED, places: bool = True
+    convention: Convention, readings: _Readings, fixed: Mapping[int, float] = NOTHING_FIXED, places: bool = True
 ) -> Problem:
     """Residuals in units of the rounding error: 9 a reading, then (with places) 3 a reading, then priors."""
     free = np.arange(18) if places else TURN_ONLY
     steps = np.where(ANGLE_LIKE, 1e-6, 1e-2)
     prior, middle = np.where(ANGLE_LIKE, PRIOR_RAD * 10.0, PRIOR_MM), np.zeros(18)
-    for k, value in known.items():
+    for k, value in fixed.items():
         middle[k], prior[k] = value, steps[k] / 100.0
     moved = np.concatenate([np.zeros((1, 18)), np.diag(steps)[free], -np.diag(steps)[free]])
 
@@ -318,11 +319,11 @@ def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
     matrix = np.stack([column.ravel() for column in columns], -1)
     weighed = np.concatenate([matrix / readings.place_mm, np.eye(len(columns)) / PRIOR_MM])
     wanted = np.concatenate([readings.places.ravel() / readings.place_mm, np.zeros(len(columns))])
-    known = np.linalg.lstsq(weighed, wanted, rcond=None)[0]
+    solution = np.linalg.lstsq(weighed, wanted, rcond=None)[0]
     made = x.copy()
-    made[1] = np.arctan2(known[1], known[0])
-    made[5:9] = np.hypot(known[0], known[1]), *known[2:5]
-    made[12:18] = known[5:11]
+    made[1] = np.arctan2(solution[1], solution[0])
+    made[5:9] = np.hypot(solution[0], solution[1]), *solution[2:5]
+    made[12:18] = solution[5:11]
     return made
 
 
@@ -359,7 +360,7 @@ def _canonical(model: _Model, readings: _Readings) -> _Model:
         tool, x[12:15] = half @ tool, half @ x[12:15]
     x[:5] = _wrapped(x[:5])
     x[9:12] = frames.vector_from_rotation(tool)
-    return _at(Convention(tuple(signs), model.convention.against_horizon), x, readings, NOTHING_FIXED)
+    return _fit_from(Convention(tuple(signs), model.convention.against_horizon), x, readings, NOTHING_FIXED)
 
 
 def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
@@ -395,7 +396,7 @@ def _covariance(model: _Model, count: int) -> Array:
     return inverse @ noise @ inverse
 
 
-def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
+def _arm_found(model: _Model, readings: _Readings) -> ArmEstimate:
     """Values and standard deviations; joint 6's zero takes the tool's rotation about its axis, which is equivalent."""
     count = len(readings)
     x, rows = model.parameters, 12 * count
@@ -406,7 +407,7 @@ def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
     wrist_from_tool = frames.rigid(about_z(-turn) @ tool, about_z(-turn) @ x[12:15])
     zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
     sigmas = np.where(ANGLE_LIKE, np.degrees(sigma), sigma)
-    return ArmFound(
+    return ArmEstimate(
         convention=model.convention,
         zeros_deg=tuple(float(z) for z in np.degrees(zeros)),
         a2_mm=float(x[5]), a3_mm=float(x[6]), d3_mm=float(x[7]), d4_mm=float(x[8]),

@@ -112,7 +112,7 @@ def marker_squares(columns: int, rows: int, legacy: bool) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenBoard:
+class DetectedBoard:
     """A board detected in one image: corner_ids (N,) into Board.points_mm, corners_px (N, 2), blur_px."""
 
     corner_ids: NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.calibration.board import Board, BoardError, SeenBoard, dictionary_named, marker_squares
+from daemon.calibration.board import Board, BoardError, DetectedBoard, dictionary_named, marker_squares
 from daemon.calibration.corners import NEIGHBOURS, WORST_MISFIT, FittedCorners, fit_corners, nearest_px
 
 Grey = NDArray[np.uint8]
@@ -56,13 +56,13 @@ FEWEST_SQUARES = 3
 """Squares of a row that must be in view for the row to count as printed, or as blank."""
 
 
-def find_board(image: Grey, board: Board) -> SeenBoard:
+def find_board(image: Grey, board: Board) -> DetectedBoard:
     """Find the board's corners to sub-pixel. Raises BoardError: not in view, partly in view, too small, blurred,
     mirrored, or another board than named."""
     return _find_charuco(image, board) if board.kind == "charuco" else _find_chessboard(image, board)
 
 
-def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
+def _find_chessboard(image: Grey, board: Board) -> DetectedBoard:
     corners = _chessboard_corners(image, board.columns, board.rows)
     if corners is None:
         other = _named_by_markers(image, board) or _named_by_squares(image, board)
@@ -85,7 +85,7 @@ def _chessboard_corners(image: Grey, columns: int, rows: int) -> Array | None:
     return np.asarray(corners, float).reshape(-1, 2) if found else None
 
 
-def _find_charuco(image: Grey, board: Board) -> SeenBoard:
+def _find_charuco(image: Grey, board: Board) -> DetectedBoard:
     ids, corners = _charuco_corners(image, board)
     if len(ids) < FEWEST_CORNERS:
         marker_px = LEAST_MODULE_PX * (dictionary_named(board.dictionary).markerSize + 2)
@@ -212,7 +212,7 @@ def _fitted(
     return fit_corners(image, corners, board.points_mm()[ids, :2] / board.square_mm, drawing)
 
 
-def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Board) -> SeenBoard:
+def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Board) -> DetectedBoard:
     """The corners that match the board's drawing. Raises BoardError."""
     if fitted.blur_px > SHARP_ENOUGH_PX:
         raise BoardError(
@@ -222,7 +222,7 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
     if (clear := int(sound.sum())) < FEWEST_CORNERS:
         few = f"only {clear} of its corners are clear, {FEWEST_CORNERS} are needed: glare, or covered?"
         raise BoardError(_named_by_markers(image, board) or few)
-    return SeenBoard(ids[sound], fitted.corners_px[sound], fitted.blur_px)
+    return DetectedBoard(ids[sound], fitted.corners_px[sound], fitted.blur_px)
 
 
 def _named_by_markers(image: Grey, board: Board) -> str | None:

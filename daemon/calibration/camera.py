@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from daemon import frames
-from daemon.calibration.board import Board, SeenBoard
+from daemon.calibration.board import Board, DetectedBoard
 from daemon.calibration.stereo import FEWEST_PAIRS, WORST_SHARE, StereoError
 from daemon.pick.moved_pair import USUAL_MM
 from daemon.vision.geometry import Camera
@@ -31,13 +31,15 @@ class CameraResult:
     dropped: dict[str, str]
 
 
-def calibrate_camera(seen: Sequence[tuple[str, SeenBoard]], board: Board, image_size: tuple[int, int]) -> CameraResult:
+def calibrate_camera(
+    boards: Sequence[tuple[str, DetectedBoard]], board: Board, image_size: tuple[int, int]
+) -> CameraResult:
     """Calibrate one camera from named views of a board; drop the views that fit badly.
 
     Raises StereoError: too few views, or views too similar. Source: Zhang's method (OpenCV), without the third radial
     term, which such views hardly determine.
     """
-    kept, dropped = list(seen), dict[str, str]()
+    kept, dropped = list(boards), dict[str, str]()
     while True:
         if len(kept) < FEWEST_PAIRS:
             raise StereoError(f"{len(kept)} usable views, {FEWEST_PAIRS} are needed; take more, tilted different ways")
@@ -48,7 +50,7 @@ def calibrate_camera(seen: Sequence[tuple[str, SeenBoard]], board: Board, image_
         )
         worst = int(np.argmax(each))
         usual = float(np.median(each))
-        if each[worst, 0] <= OUTLIER * usual or len(kept) - 1 < max(FEWEST_PAIRS, 0.7 * len(seen)):
+        if each[worst, 0] <= OUTLIER * usual or len(kept) - 1 < max(FEWEST_PAIRS, 0.7 * len(boards)):
             break
         dropped[kept[worst][0]] = f"its corners are {each[worst, 0]:.2f} px off, {usual:.2f} px is usual"
         del kept[worst]

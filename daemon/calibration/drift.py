@@ -19,33 +19,33 @@ from daemon.vision.health import AXES, Clue
 class DriftSettings:
     """learn: observations that set the reference; least_learn: after so many of them an outlier ends the learning, so
     that a camera displaced in its first hour does not set a wrong reference; weight: of a new observation in the mean;
-    sigmas: deviation that counts as drift; wild: deviation of one observation, in sigmas, that needs a second one to
+    sigmas: deviation that counts as drift; outlier: deviation of one observation, in sigmas, that needs a second one to
     confirm it; least_deg: smallest drift reported; stop_deg: smallest drift that stops autonomous picking."""
 
     learn: int = 20
     least_learn: int = 8
     weight: float = 0.15
     sigmas: float = 6.0
-    wild: float = 6.0
+    outlier: float = 6.0
     least_deg: float = 0.03
     stop_deg: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class DriftState:
-    """State of the drift detection, by axis (3,). reference: rad, from `learnt` observations of total `information`
-    with the sum `squares` of squared standardised residuals; mean: rad, deviation since, of `recent_information`, with
-    `recent_squares` the sum of squared weights; wild_side: sign of an unconfirmed outlier; since: when the axis left
-    its reference."""
+    """State of the drift detection, by axis (3,). reference: rad, from `learnt_count` observations of total
+    `information` with the sum `squares` of squared standardised residuals; mean: rad, deviation since, of
+    `recent_information`, with `recent_squares` the sum of squared weights; outlier_side: sign of an unconfirmed
+    outlier; since: when the axis left its reference."""
 
     reference: Array
-    learnt: NDArray[np.int64]
+    learnt_count: NDArray[np.int64]
     information: Array
     squares: Array
     mean: Array
     recent_information: Array
     recent_squares: Array
-    wild_side: Array
+    outlier_side: Array
     since: tuple[str | None, ...] = (None, None, None)
 
 
@@ -60,59 +60,61 @@ class Drift:
     text: str
 
 
-def unlearnt() -> DriftState:
+def initial_state() -> DriftState:
     """The state after a calibration, before any observation."""
     zero = np.zeros(3)
     return DriftState(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
 
 
 def observe(
-    state: DriftState, seen: Clue, settings: DriftSettings, alone: CameraName | None = None
+    state: DriftState, clue: Clue, settings: DriftSettings, alone: CameraName | None = None
 ) -> tuple[DriftState, Drift | None]:
     """Add one observation. Returns the largest active drift, or None. alone: the only camera in use, whose second place
     counts as the right camera."""
-    wild = (state.learnt >= settings.least_learn) & (np.abs(_standardised(state, seen)) > settings.wild)
-    unfinished = (state.learnt < settings.learn) & (state.recent_information == 0)
-    learning = np.isfinite(seen.sigma) & unfinished & ~wild
-    updating = np.isfinite(seen.sigma) & ~learning
-    state = _mean_updated(_reference_updated(state, seen, learning), seen, updating, settings)
-    far = _too_far(state, settings)
-    since = tuple((old or seen.at) if now else None for old, now in zip(state.since, far, strict=True))
+    outlier = (state.learnt_count >= settings.least_learn) & (np.abs(_standardised(state, clue)) > settings.outlier)
+    unfinished = (state.learnt_count < settings.learn) & (state.recent_information == 0)
+    learning = np.isfinite(clue.sigma) & unfinished & ~outlier
+    updating = np.isfinite(clue.sigma) & ~learning
+    state = _mean_updated(_reference_updated(state, clue, learning), clue, updating, settings)
+    drifted = _drifted_axes(state, settings)
+    since = tuple((old or clue.at) if now else None for old, now in zip(state.since, drifted, strict=True))
     state = replace(state, since=since)
-    return state, _drift(state, far, settings, alone)
+    return state, _drift(state, drifted, settings, alone)
 
 
-def _reference_updated(state: DriftState, seen: Clue, learning: NDArray[np.bool_]) -> DriftState:
+def _reference_updated(state: DriftState, clue: Clue, learning: NDArray[np.bool_]) -> DriftState:
     """Weighted mean and spread of the first observations (West 1979)."""
-    information = np.where(learning, seen.sigma**-2.0, 0.0)
+    information = np.where(learning, clue.sigma**-2.0, 0.0)
     total = state.information + information
-    step = np.where(learning, seen.turn - state.reference, 0.0)
+    step = np.where(learning, clue.turn - state.reference, 0.0)
     reference = state.reference + step * information / np.maximum(total, 1e-30)
-    squares = state.squares + information * step * np.where(learning, seen.turn - reference, 0.0)
-    return replace(state, reference=reference, learnt=state.learnt + learning, information=total, squares=squares)
+    squares = state.squares + information * step * np.where(learning, clue.turn - reference, 0.0)
+    return replace(
+        state, reference=reference, learnt_count=state.learnt_count + learning, information=total, squares=squares
+    )
 
 
 def _scale(state: DriftState) -> Array:
     """(3,) ratio of the observations' spread to their predicted sigmas; at least a half, so that a lucky small spread
     at first makes no outlier of later observations."""
-    return np.sqrt(np.maximum(state.squares / np.maximum(state.learnt - 1, 1), 0.25))
+    return np.sqrt(np.maximum(state.squares / np.maximum(state.learnt_count - 1, 1), 0.25))
 
 
-def _standardised(state: DriftState, seen: Clue) -> Array:
+def _standardised(state: DriftState, clue: Clue) -> Array:
     """(3,) deviation of an observation from reference plus mean, in sigmas; 0 where it measures nothing."""
-    off: Array = seen.turn - state.reference - state.mean
-    return off / np.where(np.isfinite(seen.sigma), seen.sigma * _scale(state), np.inf)
+    off: Array = clue.turn - state.reference - state.mean
+    return off / np.where(np.isfinite(clue.sigma), clue.sigma * _scale(state), np.inf)
 
 
-def _mean_updated(state: DriftState, seen: Clue, updating: NDArray[np.bool_], settings: DriftSettings) -> DriftState:
+def _mean_updated(state: DriftState, clue: Clue, updating: NDArray[np.bool_], settings: DriftSettings) -> DriftState:
     """Exponentially weighted mean of the deviations, by information. A single outlier (a misread corner) is left out;
     if the next observation deviates to the same side, the camera has moved, and it counts."""
-    change = seen.turn - state.reference
-    off = _standardised(state, seen)
-    side = np.where(updating & (np.abs(off) > settings.wild), np.sign(off), 0.0)
-    accepted = updating & ((side == 0) | (side == state.wild_side))
+    change = clue.turn - state.reference
+    off = _standardised(state, clue)
+    side = np.where(updating & (np.abs(off) > settings.outlier), np.sign(off), 0.0)
+    accepted = updating & ((side == 0) | (side == state.outlier_side))
     fade = np.where(accepted, 1 - settings.weight, 1.0)
-    information = np.where(accepted, seen.sigma**-2.0, 0.0)
+    information = np.where(accepted, clue.sigma**-2.0, 0.0)
     total = fade * state.recent_information + information
     mean = state.mean + (change - state.mean) * information / np.maximum(total, 1e-30)
     return replace(
@@ -120,11 +122,11 @@ def _mean_updated(state: DriftState, seen: Clue, updating: NDArray[np.bool_], se
         mean=mean,
         recent_information=total,
         recent_squares=fade**2 * state.recent_squares + information,
-        wild_side=np.where(updating, side, state.wild_side),
+        outlier_side=np.where(updating, side, state.outlier_side),
     )
 
 
-def _too_far(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
+def _drifted_axes(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
     """Which axes have drifted: beyond `sigmas` standard deviations of the difference of the means, and `least_deg`."""
     recent = np.maximum(state.recent_information, 1e-30)
     sigma = _scale(state) * np.sqrt(state.recent_squares / recent**2 + 1 / np.maximum(state.information, 1e-30))
@@ -133,18 +135,18 @@ def _too_far(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
 
 
 def _drift(
-    state: DriftState, far: NDArray[np.bool_], settings: DriftSettings, alone: CameraName | None
+    state: DriftState, drifted: NDArray[np.bool_], settings: DriftSettings, alone: CameraName | None
 ) -> Drift | None:
-    if not far.any():
+    if not drifted.any():
         return None
-    worst = int(np.argmax(np.where(far, np.abs(state.mean), 0.0)))
+    worst = int(np.argmax(np.where(drifted, np.abs(state.mean), 0.0)))
     degrees = float(np.degrees(state.mean[worst]))
     since = state.since[worst] or ""
     stops = abs(degrees) >= settings.stop_deg
-    what = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left"
+    movement = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left"
     if alone is not None:
-        what = f"{alone} camera no longer as calibrated on the gripper ({AXES[worst]} by {degrees:+.2f} degrees)"
-    text = f"{what} since {since}: "
+        movement = f"{alone} camera no longer as calibrated on the gripper ({AXES[worst]} by {degrees:+.2f} degrees)"
+    text = f"{movement} since {since}: "
     text += "calibrate before you pick again" if stops else "check that its mount is tight, and calibrate soon"
     return Drift(AXES[worst], degrees, since, stops, text)
 
@@ -155,7 +157,7 @@ class DriftWatch:
     def __init__(self, alone: CameraName | None = None) -> None:
         self.alone = alone
         self.drift: Drift | None = None
-        self._state = unlearnt()
+        self._state = initial_state()
 
     def seen(self, clue: Clue, at: str) -> Drift | None:
         """Add one observation (at: its time, for people). Returns the active drift, or None."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.lens_refit import FISHEYE, LensError, refitted
+from daemon.calibration.lens_refit import FISHEYE, LensError, refit_lens
 from daemon.calibration.plausible import UNITS_MM
 from daemon.calibration.stereo import rig_of
 from daemon.errors import FacetdError
@@ -342,7 +342,7 @@ def _of_pair(
     left_from_right = second_from_first if exchanged else frames.inverse(second_from_first)
     if exchanged:
         cameras = cameras[::-1]
-    lenses = [refitted(matrix, coefficients, size, fisheye) for matrix, coefficients, fisheye in cameras]
+    lenses = [refit_lens(matrix, coefficients, size, fisheye) for matrix, coefficients, fisheye in cameras]
     left, right = ((lens.matrix, lens.distortion) for lens in lenses)
     rig = rig_of(left, right, left_from_right, size)
     return ImportedGeometry(kind, rig, refit_px=(lenses[0].off_px, lenses[1].off_px))

@@ -17,14 +17,14 @@ UNLIKE_MM = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class BoardPose:
     """One kept view: cyclopean_from_board (4, 4) mm, roughly; corners (N, 2), left camera, as shares of the image."""
 
     cyclopean_from_board: Array
     corners: Array
 
 
-def is_new(views: Sequence[Shown], pose: Array) -> bool:
+def is_new_view(views: Sequence[BoardPose], pose: Array) -> bool:
     """Whether a pose (4, 4) differs from those of all views."""
     return all(
         np.linalg.norm(v.cyclopean_from_board[:3, 3] - pose[:3, 3])
@@ -34,7 +34,7 @@ def is_new(views: Sequence[Shown], pose: Array) -> bool:
     )
 
 
-def missing(views: Sequence[Shown]) -> list[str]:
+def missing_views(views: Sequence[BoardPose]) -> list[str]:
     """Instructions for the views still missing, the most useful first; empty when none is."""
     steps = [
         *(f"tilt the board: its {side} away from the cameras" for side in _tilts_missing(views)),
@@ -46,7 +46,7 @@ def missing(views: Sequence[Shown]) -> list[str]:
     return steps
 
 
-def _tilts_missing(views: Sequence[Shown]) -> list[str]:
+def _tilts_missing(views: Sequence[BoardPose]) -> list[str]:
     # The board's z points into it, away from the cameras; where its right side is farther, z leans to the left.
     leans = np.array([v.cyclopean_from_board[:2, 2] for v in views]).reshape(-1, 2)
     least = np.sin(np.radians(TILT_DEG))
@@ -59,7 +59,7 @@ def _tilts_missing(views: Sequence[Shown]) -> list[str]:
     return [name for name, lean in sides.items() if not (lean > least).any()]
 
 
-def _corners_missing(views: Sequence[Shown]) -> list[str]:
+def _corners_missing(views: Sequence[BoardPose]) -> list[str]:
     seen = np.concatenate([v.corners for v in views]) if views else np.zeros((0, 2))
     places = {"upper left": (0, 0), "upper right": (1, 0), "lower left": (0, 1), "lower right": (1, 1)}
     return [name for name, at in places.items() if not (np.abs(seen - np.array(at)) < RIM).all(axis=1).any()]

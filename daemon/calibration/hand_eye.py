@@ -17,7 +17,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.hand_eye_doubt import (
+from daemon.calibration.arm_error import (
     SHARED,
     ArmError,
     PoseEquations,
@@ -45,20 +45,20 @@ class HandEyeError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The board seen from one pose of the arm: world_from_tool (4, 4) as the controller reports it; points_mm (N, 3) in
-    the board frame; left_px and right_px (N, 2), right None where only one camera is in use; held: whether the gripper
-    holds the board and the cameras are fixed."""
+    """The board seen from one pose of the arm: world_from_tool (4, 4) as the controller reports it; points_mm (N, 3)
+    in the board frame; left_px and right_px (N, 2), right None where only one camera is in use; board_in_gripper:
+    whether the gripper holds the board and the cameras are fixed."""
 
     world_from_tool: Array
     points_mm: Array
     left_px: Array
     right_px: Array | None
-    held: bool = False
+    board_in_gripper: bool = False
 
     @property
     def board_from_cameras(self) -> Array:
         """(4, 4) mm, as the controller reports it: from what carries the cameras to what carries the board."""
-        return frames.inverse(self.world_from_tool) if self.held else self.world_from_tool
+        return frames.inverse(self.world_from_tool) if self.board_in_gripper else self.world_from_tool
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
         ) from None
     shared = parameters[:SHARED] + step
     mounting = transform_of(shared[:6])
-    about_mm = _middle(samples, transform_of(shared[6:])) if samples[0].held else None
+    about_mm = _middle(samples, transform_of(shared[6:])) if samples[0].board_in_gripper else None
     return HandEyeResult(
         mounting=mounting,
         about_mm=about_mm,
@@ -261,7 +261,7 @@ def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmError) -
         for k, sample in enumerate(samples):
             own = slice(12 + 6 * k, 18 + 6 * k)
             reported = pose_of(frames.inverse(sample.board_from_cameras))
-            if sample.held:
+            if sample.board_in_gripper:
                 to_tool, by_first, by_own = chain(x[6:12], x[own])
                 there, by_then, _ = chain(to_tool, reported)
                 by_board, by_error = by_then @ by_first, by_then @ by_own

@@ -17,7 +17,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.foreign import ImportedGeometry, InterchangeError, read_foreign
-from daemon.calibration.plausible import UNITS_MM, changed, implausible_rig
+from daemon.calibration.plausible import UNITS_MM, changed_parameters, implausible_rig
 from daemon.calibration.recorded import calibration_before, keep_old
 from daemon.quantities import decimal, shown, whole
 from daemon.store.files import write_atomically
@@ -112,7 +112,7 @@ def _import(args: argparse.Namespace) -> int:
         if off_px:
             print(f"{side} camera: lens converted to k1 k2 p1 p2 k3, off by {off_px:.3f} px at most, at the corners")
     if found.rig is not None and before is not None:
-        for line in changed(found.rig, before.rig):
+        for line in changed_parameters(found.rig, before.rig):
             print(f"warning: {line}")
     kept = keep_old(args.out)
     save_calibration(calibration, args.out)

@@ -38,7 +38,7 @@ class RefittedLens:
     off_px: float = 0.0
 
 
-def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye: bool = False) -> RefittedLens:
+def refit_lens(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye: bool = False) -> RefittedLens:
     """A lens as k1 k2 p1 p2 k3: unchanged where all further coefficients are 0, else fitted. fisheye: four coefficients
     of the angle (Kannala and Brandt, `equidistant`). Raises LensError."""
     values = np.ravel(coefficients).astype(float)

@@ -128,7 +128,7 @@ def _folds(camera: Camera, size: tuple[int, int]) -> bool:
     return bool(reach < farthest)
 
 
-def changed(rig: StereoRig, before: StereoRig) -> list[str]:
+def changed_parameters(rig: StereoRig, before: StereoRig) -> list[str]:
     """What differs from the calibration that is replaced although the same cameras would keep it, a line each."""
     lines = []
     if rig.image_size != before.image_size:

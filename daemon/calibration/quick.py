@@ -46,7 +46,7 @@ class Depth(msgspec.Struct, forbid_unknown_fields=True):
     right_px: Pixel
 
 
-class Measured(msgspec.Struct, forbid_unknown_fields=True):
+class QuickMeasurements(msgspec.Struct, forbid_unknown_fields=True):
     """The measurements: baseline D and fixation distance Z0 by ruler, the pin at the fixation point in both images."""
 
     image_size: tuple[int, int]
@@ -85,7 +85,7 @@ class QuickResult:
         )
 
 
-def calibrate_quick(measured: Measured) -> QuickResult:
+def calibrate_quick(measured: QuickMeasurements) -> QuickResult:
     """The rig from ruler and pin: f = x Z / X (4.1), cameras turned in by atan(D / 2 Z0), no distortion."""
     focal = np.array([w.px * w.at_mm / w.mm for w in measured.widths])
     rig = _rig(measured, float(focal.mean()))
@@ -106,7 +106,7 @@ def calibrate_quick(measured: Measured) -> QuickResult:
     return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, compensated - at, left_out - at, rays - at)
 
 
-def _rig(measured: Measured, focal: float) -> StereoRig:
+def _rig(measured: QuickMeasurements, focal: float) -> StereoRig:
     half = measured.baseline_mm / 2
     turn = float(np.arctan2(half, measured.fixation_mm))
     cameras = []
@@ -140,13 +140,14 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 _ENTRIES = {"widths": Width.__struct_fields__, "depths": Depth.__struct_fields__}
 _KEYS = ", ".join(
-    f"{key} (each {', '.join(_ENTRIES[key])})" if key in _ENTRIES else key for key in Measured.__struct_fields__
+    f"{key} (each {', '.join(_ENTRIES[key])})" if key in _ENTRIES else key
+    for key in QuickMeasurements.__struct_fields__
 )
 
 
 def run(args: argparse.Namespace) -> int:
     """Raises FileError, OSError."""
-    result = calibrate_quick(read(args.measured).convert(Measured))
+    result = calibrate_quick(read(args.measured).convert(QuickMeasurements))
     kept = keep_old(args.out)
     save_calibration(Calibration(result.rig, None, Quality(method="quick", made=now())), args.out)
     if args.json:

@@ -13,7 +13,7 @@ from pathlib import Path
 from daemon.calibration.board import USUAL_DICTIONARY, Board, BoardError, parse_board
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration, calibration_of, load_calibration, save_calibration
-from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo, matched
+from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo, match_corners
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
@@ -92,7 +92,7 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
                 if (width, height) != size:
                     raise BoardError(f"{path.name} is {width}x{height} px, most are {size[0]}x{size[1]}")
             pair = Pair(name, find_board(images[left], board), find_board(images[right], board))
-            matched(pair, board)  # of too few corners in both images it is unusable
+            match_corners(pair, board)  # of too few corners in both images it is unusable
             pairs.append(pair)
         except BoardError as error:
             unused[name] = str(error)

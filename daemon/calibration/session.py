@@ -27,13 +27,14 @@ from daemon.arm import (
     settled_pair,
 )
 from daemon.arrays import Array
+from daemon.calibration.arm_error import ArmError
 from daemon.calibration.board import Board, BoardError
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
 from daemon.calibration.file import Calibration, Quality, calibration_of, now, rig_of_one
-from daemon.calibration.guide import Shown, is_new, missing
+from daemon.calibration.guide import BoardPose, is_new_view, missing_views
 from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
-from daemon.calibration.hand_eye_doubt import ArmError
+from daemon.calibration.informative_poses import Setup, error_mm, information, most_informative
 from daemon.calibration.least_squares import MatchedCorners
 from daemon.calibration.stereo import (
     FEWEST_PAIRS,
@@ -42,18 +43,17 @@ from daemon.calibration.stereo import (
     StereoResult,
     calibrate_stereo,
     epipolar_distances,
-    matched,
+    match_corners,
 )
-from daemon.calibration.telling_poses import Setup, error_mm, information, most_telling
 from daemon.calibration.tour import (
     AIMS_MM,
     DISTANCES_MM,
     FIXED_AIMS,
     FIXED_ASIDE,
     FIXED_DISTANCES,
-    in_order,
-    looks_at,
-    spread_out,
+    choose_spread,
+    shortest_order,
+    viewpoints_around,
 )
 from daemon.errors import FacetdError
 from daemon.pick.moved_pair import SHORTEST_MM
@@ -78,15 +78,15 @@ class BoardView:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationSession:
-    """The arm and its first reading, the limits for still images, the board, the calibration so far; held: whether the
-    gripper holds the board, before fixed cameras."""
+    """The arm and its first reading, the limits for still images, the board, the calibration so far;
+    board_in_gripper: whether the gripper holds the board, before fixed cameras."""
 
     supervisor: Supervisor
     prepare_to_move: Callable[[], Awaitable[Reading]]
     settling: Settling
     board: Board
     calibration: Calibration
-    held: bool = False
+    board_in_gripper: bool = False
 
 
 async def view_tour(
@@ -120,8 +120,8 @@ async def _tour(
         raise SessionError(f"from here the cameras do not see the board: {error}") from None
     if count == 0:
         return [first]
-    if session.held:
-        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=board_in_gripper(session, first))
+    if session.board_in_gripper:
+        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=board_capsules(session, first))
     poses = await asyncio.to_thread(plan_tour, session, mover.reach, first, count, mounting_alone)
     await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
@@ -153,12 +153,14 @@ def plan_tour(
     if mounting_alone:
         setup = setup_of([first], session.board, session.calibration, ArmError())
         tools = _tool_at(np.array(looks), first, session.calibration)
-        chosen = [looks[k] for k in most_telling(setup, tools, count, reach.allows, [first.world_from_tool])]
+        chosen = [looks[k] for k in most_informative(setup, tools, count, reach.allows, [first.world_from_tool])]
     else:
-        chosen = spread_out(looks, count, lambda look: reach.allows(_tool_at(look, first, session.calibration)), here)
+        chosen = choose_spread(
+            looks, count, lambda look: reach.allows(_tool_at(look, first, session.calibration)), here
+        )
     if len(chosen) < min(count, 8):
         raise SessionError(f"the arm reaches only {len(chosen)} poses around the board; move it nearer to the middle")
-    return [_tool_at(look, first, session.calibration) for look in in_order(chosen, here)]
+    return [_tool_at(look, first, session.calibration) for look in shortest_order(chosen, here)]
 
 
 def _around(view: BoardView, board: Board, calibration: Calibration) -> list[Array]:
@@ -171,7 +173,7 @@ def _around(view: BoardView, board: Board, calibration: Calibration) -> list[Arr
         away_mm = float(frames.apply(frames.inverse(here) @ world_from_board, centre)[2])
         aside_mm = FIXED_ASIDE * away_mm
         sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
-    return looks_at(world_from_board, centre, here[:3, 0], *sizes)
+    return viewpoints_around(world_from_board, centre, here[:3, 0], *sizes)
 
 
 def _tool_at(look: Array, view: BoardView, calibration: Calibration) -> Array:
@@ -201,7 +203,7 @@ def best_further_view(
     looks = _around(views[-1], board, calibration)
     tools = _tool_at(np.array(looks), views[-1], calibration)
     done = [view.world_from_tool for view in views]
-    best = most_telling(setup, tools, 1, reach.allows, done)
+    best = most_informative(setup, tools, 1, reach.allows, done)
     if not best:
         return None
     look_from_board = frames.inverse(looks[best[0]]) @ board_in_world(views[-1], board, calibration)
@@ -229,7 +231,7 @@ def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration,
     )
 
 
-def board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
+def board_capsules(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
     """What the guard is to know of the board in the gripper: its corners with a margin for print and plate, and for a
     hand-eye by ruler."""
     board = session.board
@@ -259,30 +261,32 @@ async def see_board(session: CalibrationSession, reading: Reading, name: str) ->
         right = await asyncio.to_thread(find_board, pictures.right.pixels, session.board)
     pair = Pair(name, left, right)
     if right is not None:
-        matched(pair, session.board)
+        match_corners(pair, session.board)
     return BoardView(reading.world_from_tool, pair)
 
 
-async def show_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
+async def views_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
     """Collect views of a board that a person holds, and say which views are missing. The arm does not move; `stop` or
     `abort` ends it.
 
     Raises SessionError where no new view comes for PATIENCE_S.
     """
-    return await session.supervisor.run("calibrate by hand", _shown(session, say), moves=False)
+    return await session.supervisor.run("calibrate by hand", _collect_by_hand(session, say), moves=False)
 
 
 PATIENCE_S, MOST_VIEWS = 60.0, 40
 
 
-async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
-    views, shown = list[BoardView](), list[Shown]()
+async def _collect_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
+    views, board_poses = list[BoardView](), list[BoardPose]()
     board, calibration, clock = session.board, session.calibration, session.supervisor.mover.cell.clock
     last_s, reported = clock(), ""
     nowhere = Reading(np.eye(4), np.zeros(6))
     size = np.array(calibration.rig.image_size, float)
     await say("Show the board to both cameras. Hold it still for a moment: then the view counts.")
-    while len(views) < MOST_VIEWS and (lacking := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
+    while len(views) < MOST_VIEWS and (
+        lacking := missing_views(board_poses) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)
+    ):
         if clock() - last_s > PATIENCE_S:
             raise SessionError(
                 f"no new view for {PATIENCE_S:.0f} s; {len(views)} so far, missing: {'; '.join(lacking)}"
@@ -295,18 +299,17 @@ async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
             reported = str(error)
             continue
         pose = cyclopean_from_board(sample_of(view, board), calibration.rig)
-        if not is_new(shown, pose):
+        if not is_new_view(board_poses, pose):
             continue
         views.append(view)
-        shown.append(Shown(pose, view.pair.left.corners_px / size))
+        board_poses.append(BoardPose(pose, view.pair.left.corners_px / size))
         last_s, reported = clock(), ""
-        await say(
-            f"view {len(views)}{await _so_far(views, board, calibration)}; next: {(missing(shown) or ['done'])[0]}"
-        )
+        next_ = (missing_views(board_poses) or ["done"])[0]
+        await say(f"view {len(views)}{await _interim_residual(views, board, calibration)}; next: {next_}")
     return views
 
 
-async def _so_far(views: list[BoardView], board: Board, calibration: Calibration) -> str:
+async def _interim_residual(views: list[BoardView], board: Board, calibration: Calibration) -> str:
     """The reprojection error so far, at every third view once there are enough."""
     if len(views) < FEWEST_PAIRS or len(views) % 3:
         return ""
@@ -333,27 +336,29 @@ def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) 
 
 def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
     """Hand-eye calibration from the views. Raises HandEyeError."""
-    held = before.fixed
-    result = calibrate_hand_eye([replace(sample_of(v, board), held=held) for v in views], before.rig)
+    board_in_gripper = before.fixed
+    result = calibrate_hand_eye(
+        [replace(sample_of(v, board), board_in_gripper=board_in_gripper) for v in views], before.rig
+    )
     quality = Quality(
         reprojection_px=before.quality.reprojection_px,
         epipolar_px=before.quality.epipolar_px,
         hand_eye_mm=round(result.sigma_mm, 4),
         hand_eye_deg=round(result.sigma_deg, 4),
         about_mm=None if result.about_mm is None else tuple(result.about_mm.round(1).tolist()),
-        arm_mm=round(result.arm.mm, 4) if held else None,
-        arm_deg=round(result.arm.deg, 4) if held else None,
+        arm_mm=round(result.arm.mm, 4) if board_in_gripper else None,
+        arm_deg=round(result.arm.deg, 4) if board_in_gripper else None,
         views=len(views),
         method=before.quality.method or "hand-eye",
         made=now(),
     )
-    if held:
+    if board_in_gripper:
         return replace(before, quality=quality, world_from_cyclopean=result.mounting), result
     return replace(before, quality=quality, tool_from_cyclopean=result.mounting), result
 
 
 @dataclass(frozen=True)
-class Verified:
+class VerificationResult:
     """Errors of a calibration in views that were not used for it. scale_error: relative error of known lengths;
     length_mm: rms error of the distances between corners; epipolar_px: mean; spread_mm: rms distance of the board's
     corners, where it is fastened, from their mean over the poses; failures: figures out of their limits, with the
@@ -375,7 +380,7 @@ class Verified:
 LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
 
 
-def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -> Verified:
+def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -> VerificationResult:
     """Verify a calibration with views of a board of known size. With one camera each two consecutive poses are a pair,
     whose epipolar limit includes the arm's error. Raises SessionError with fewer than 4 views, or no pair."""
     if len(views) < 4:
@@ -415,7 +420,7 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
         if figures[name] > limit
     )
     scale = float(np.mean(ratios)) - 1.0
-    return Verified(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
+    return VerificationResult(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
 
 
 def _stereo_views(
@@ -424,7 +429,7 @@ def _stereo_views(
     """The rig and the matched corners of each stereo pair."""
     if calibration.alone is None:
         for view in views:
-            yield calibration.rig, matched(view.pair, board)
+            yield calibration.rig, match_corners(view.pair, board)
         return
     assert calibration.tool_from_cyclopean is not None
     camera = calibration.rig.left
@@ -436,7 +441,7 @@ def _stereo_views(
         rig = StereoRig(cameras[0], cameras[1], calibration.rig.image_size)
         if rig.baseline_mm >= SHORTEST_MM:
             try:
-                match = matched(replace(one.pair, right=next_.pair.left), board)
+                match = match_corners(replace(one.pair, right=next_.pair.left), board)
             except BoardError:  # the two poses show different parts of the board
                 continue
             yield rig, match
@@ -478,5 +483,5 @@ def sample_of(view: BoardView, board: Board) -> Sample:
     if view.pair.right is None:
         seen = view.pair.left
         return Sample(view.world_from_tool, board.points_mm()[seen.corner_ids], seen.corners_px, None)
-    match = matched(view.pair, board)
+    match = match_corners(view.pair, board)
     return Sample(view.world_from_tool, match.points_mm, match.left_px, match.right_px)

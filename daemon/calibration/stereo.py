@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.board import Board, BoardError, SeenBoard
+from daemon.calibration.board import Board, BoardError, DetectedBoard
 from daemon.calibration.least_squares import (
     INTRINSICS,
     MatchedCorners,
@@ -47,8 +47,8 @@ class Pair:
     """One view of the board by both cameras, or by the only one (right None); its name is for messages."""
 
     name: str
-    left: SeenBoard
-    right: SeenBoard | None
+    left: DetectedBoard
+    right: DetectedBoard | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class StereoResult:
     coverage: float
 
 
-def matched(pair: Pair, board: Board) -> MatchedCorners:
+def match_corners(pair: Pair, board: Board) -> MatchedCorners:
     """Corners in both images of a pair. Raises BoardError where they are fewer than FEWEST_SHARED, StereoError where
     only one camera is in use."""
     if pair.right is None:
@@ -90,7 +90,7 @@ def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int,
     if len(kept) < FEWEST_PAIRS:
         raise StereoError(f"{len(kept)} usable pairs, {FEWEST_PAIRS} are needed; take more, tilted different ways")
     while True:
-        matches = [matched(p, board) for p in kept]
+        matches = [match_corners(p, board) for p in kept]
         solution = _solve(matches, image_size)
         rms = _rms_by_match(matches, solution.residuals)
         usual = float(np.median(rms))

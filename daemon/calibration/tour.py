@@ -26,7 +26,7 @@ MM_A_RADIAN = 300.0
 """A rotation of one radian counts as this distance: how far a point at working distance moves."""
 
 
-def looks_at(
+def viewpoints_around(
     world_from_board: Array,
     centre: Array,
     upright: Array,
@@ -57,7 +57,7 @@ def looks_at(
     return found
 
 
-def spread_out(poses: Sequence[Array], count: int, allowed: Callable[[Array], bool], first: Array) -> list[Array]:
+def choose_spread(poses: Sequence[Array], count: int, allowed: Callable[[Array], bool], first: Array) -> list[Array]:
     """Farthest-point sampling over translation and rotation: at most `count` allowed poses, each the farthest from
     `first` and all chosen before. Calls `allowed` only for a pose that it would choose next."""
     remaining = list(poses)
@@ -77,7 +77,7 @@ def spread_out(poses: Sequence[Array], count: int, allowed: Callable[[Array], bo
     return chosen
 
 
-def in_order(poses: Sequence[Array], start: Array) -> list[Array]:
+def shortest_order(poses: Sequence[Array], start: Array) -> list[Array]:
     """The same poses ordered for short moves: always the nearest next."""
     remaining, ordered, here = list(poses), list[Array](), start
     while remaining:

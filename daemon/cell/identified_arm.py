@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, refined
+from daemon.calibration.arm_from_readings import LENGTHS, ArmEstimate, NoArmError, find_arm, refine_arm
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
 from drivers.val2.contact_findings import ContactFindings, ProbeFinding
@@ -37,7 +37,7 @@ class Arm:
     """The identified arm, with a published arm's lengths where they fit. how: how the lengths were found; source:
     `published` or `typed` where the readings do not determine them."""
 
-    found: ArmFound
+    found: ArmEstimate
     alike: Likeness | None
     others: tuple[str, ...]
     how: str
@@ -85,7 +85,7 @@ def arm_of(known: ContactFindings, typed_mm: tuple[float, float, float, float] |
 
 def _found(
     places: Array, printed: Array, digits: tuple[float, float], arms: Sequence[PublishedArm]
-) -> tuple[ArmFound, Likeness | None, tuple[float, float, float, float]]:
+) -> tuple[ArmEstimate, Likeness | None, tuple[float, float, float, float]]:
     """The arm, the published one it is like, and the standard deviations of its lengths."""
     try:
         found = find_arm(places, printed, digits)
@@ -112,20 +112,20 @@ def _straight(places: Array, printed: Array) -> str:
     )
 
 
-def _lengths(found: ArmFound) -> str:
+def _lengths(found: ArmEstimate) -> str:
     return ", ".join(
         f"{name} {value:.1f} mm {_sure(found, name)}" for name, value in zip(LENGTHS, found.lengths_mm, strict=True)
     )
 
 
 def _fits_of_published(
-    found: ArmFound,
+    found: ArmEstimate,
     arms: Sequence[PublishedArm],
     places: Array,
     printed: Array,
     digits: tuple[float, float],
     sigma: Sequence[float],
-) -> Iterator[tuple[float, Any, ArmFound]]:
+) -> Iterator[tuple[float, Any, ArmEstimate]]:
     """For each published arm with similar lengths: its misfit, itself, and the fitted arm with its lengths."""
     for arm in arms:
         if likeness(found.lengths_mm, tuple(sigma), (arm,)) is None:  # type: ignore[arg-type]
@@ -133,14 +133,14 @@ def _fits_of_published(
         a2, a3, d3, d4 = arm.lengths_mm
         for elbow_mm in {a3, -a3}:
             lengths = a2, elbow_mm, float(np.copysign(d3, found.d3_mm)), d4
-            made = refined(found, places, printed, lengths, digits)
+            made = refine_arm(found, places, printed, lengths, digits)
             yield made.misfit, arm, made
 
 
 # Output: arm.yaml and a page
 
 
-def _zeros_deg(found: ArmFound, known: ContactFindings) -> list[float]:
+def _zeros_deg(found: ArmEstimate, known: ContactFindings) -> list[float]:
     """Zeros of the joints. Poses do not determine whole turns: these put the readings nearest to the middle of a PUMA's
     ranges."""
     printed = np.array([where.joints_deg for where in known.readings]).mean(axis=0)
@@ -183,7 +183,7 @@ def arm_file(known: ContactFindings, arm: Arm | None) -> dict[str, Any]:
     return made
 
 
-def _sure(found: ArmFound, name: str) -> str:
+def _sure(found: ArmEstimate, name: str) -> str:
     return "open" if name in found.undetermined else f"+-{max(2 * found.sigma[name], LEAST_SIGMA):.2g}"
 
 

@@ -11,24 +11,24 @@ from dataclasses import asdict
 import numpy as np
 
 from daemon import frames
+from daemon.calibration.arm_error import ArmError
 from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.file import Calibration, calibration_text, load_calibration, same_geometry
 from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
-from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import (
     BoardView,
     CalibrationSession,
     FurtherView,
     SessionError,
-    Verified,
+    VerificationResult,
     best_further_view,
     board_in_world,
-    show_by_hand,
     solve_camera,
     solve_hand_eye,
     solve_stereo,
     verify,
     view_tour,
+    views_by_hand,
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
@@ -178,7 +178,7 @@ async def _solved(
 
 async def _by_hand(context: CommandContext, board: Board, frontend: Frontend) -> CommandResult:
     """Calibrate both cameras from a board that a person holds; no arm is needed."""
-    views = await show_by_hand(_session(context, board), frontend.say)
+    views = await views_by_hand(_session(context, board), frontend.say)
     before = context.calibration
     after, stereo = await context.study(solve_stereo, views, board, before)
     lines = [*_stereo_lines(stereo), *await _store_and_use(context, before, after, frontend)]
@@ -310,7 +310,7 @@ def _change_of_hand_eye(before: Calibration, after: Calibration) -> str:
     return f"The hand-eye differs from the previous calibration by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
-def verification_result(found: Verified) -> CommandResult:
+def verification_result(found: VerificationResult) -> CommandResult:
     """The errors of a verification as text. The first view, from where the arm was, is one of its poses."""
     lines = [
         f"From {found.poses - 1} new poses and the first one: lengths {found.length_mm:.2f} mm off "

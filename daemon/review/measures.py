@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import DriftSettings, observe, unlearnt
+from daemon.calibration.drift import DriftSettings, initial_state, observe
 from daemon.events.outcomes import is_success
 from daemon.events.records import Record
 from daemon.review.digest import Digest, cameras_of
@@ -126,10 +126,10 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
 def _drift(run: Digest, zero: float) -> Strip:
     """Angle of the right camera against its calibration, as the drift watch estimated it from the looks. Like the
     daemon's, the watch restarts after a calibration (run_start) and with other cameras."""
-    watch, cameras, settings, line = unlearnt(), "both", DriftSettings(), list[float | None]()
+    watch, cameras, settings, line = initial_state(), "both", DriftSettings(), list[float | None]()
     for record in run.of("run_start", "look"):
         if record["kind"] == "run_start" or cameras_of(record) != cameras:
-            watch, cameras = unlearnt(), cameras_of(record)
+            watch, cameras = initial_state(), cameras_of(record)
         if record["kind"] == "run_start":
             continue
         health = record.get("health") or {}

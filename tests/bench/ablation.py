@@ -138,7 +138,7 @@ def _of_scenes() -> str:
     if not rendered.ALL.is_dir():
         return f"{'-':>41}"
     model, right, wrong = trained(rendered.rig(rendered.ALL, "B")), 0, 0
-    measured, ms = list[poses.Measured | None](), list[float]()
+    measured, ms = list[poses.QuickMeasurements | None](), list[float]()
     for folder in test_folders(rendered.ALL):
         told = rendered.truth(folder)
         scene = look(*rendered.pair(folder), rendered.rig(rendered.ALL, told["rig"]), model, clock=time.process_time)
@@ -177,7 +177,7 @@ def _of_heaps() -> str:
     return f"{f'{row.right} of {row.asked}':>14}{row.invented:>10}{np.median(row.ms):>6.0f}"
 
 
-def _places(measured: Sequence[poses.Measured | None]) -> str:
+def _places(measured: Sequence[poses.QuickMeasurements | None]) -> str:
     found = [one for one in measured if one is not None]
     inside = np.mean([one.chi_square < poses.WITHIN_95 for one in found])
     return f"{np.mean([one.off_mm for one in found]):>7.3f}{inside:>8.1%}"

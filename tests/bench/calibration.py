@@ -18,7 +18,7 @@ from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
 from daemon.calibration.session import (
     CalibrationSession,
-    Verified,
+    VerificationResult,
     solve_hand_eye,
     solve_stereo,
     triangulate,
@@ -65,7 +65,7 @@ class Calibrated:
     poses: int
     stereo: StereoResult
     hand_eye: HandEyeResult
-    checked: Verified
+    checked: VerificationResult
 
 
 def truth() -> tuple[StereoRig, np.ndarray]:

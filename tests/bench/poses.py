@@ -71,7 +71,7 @@ class Frame(NamedTuple):
     camera_from_cube: Array
 
 
-class Measured(NamedTuple):
+class QuickMeasurements(NamedTuple):
     """Of one part: how far off its corners are on average, mm, the chi-square of its pose, and whether edges alone
     named it."""
 
@@ -94,12 +94,12 @@ def main() -> None:
         _lines(name, list(_families(range(first, 2 * OF_FAMILY, 2))))
 
 
-def _lines(name: str, found: list[tuple[Measured | None, float]]) -> None:
+def _lines(name: str, found: list[tuple[QuickMeasurements | None, float]]) -> None:
     for by_edges, words in ((False, "by facets"), (True, "by edges")):
         _line(f"{name}, {words}", [(m if m is None or m.by_edges == by_edges else None, ms) for m, ms in found])
 
 
-def _line(name: str, looks: list[tuple[Measured | None, float]]) -> None:
+def _line(name: str, looks: list[tuple[QuickMeasurements | None, float]]) -> None:
     found = [one for one, _ in looks if one is not None]
     off, chi = (np.array([getattr(one, each) for one in found]) for each in ("off_mm", "chi_square"))
     places = f"{np.median(off):>16.2f}{off.mean():>7.2f}{np.quantile(off, 0.95):>7.2f}{off.max():>7.2f}"
@@ -137,7 +137,7 @@ def _motion(one: Frame, other: Frame) -> Array:
     return frames.difference(one.camera_from_cube @ frames.inverse(other.camera_from_cube), np.eye(4))
 
 
-def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[Measured | None, float]]:
+def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[QuickMeasurements | None, float]]:
     drawn = solid_drawn("cube.obj", obj(*box(SIDE_MM, SIDE_MM, SIDE_MM)), "mm", load_facets())
     looks = []
     for one, other in pairs:
@@ -154,7 +154,7 @@ def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[Measured | None, f
     return looks
 
 
-def _rendered() -> Iterator[tuple[Measured | None, float]]:
+def _rendered() -> Iterator[tuple[QuickMeasurements | None, float]]:
     model = trained(rendered.rig(rendered.ALL, "B"))
     for folder in test_folders(rendered.ALL):
         told = rendered.truth(folder)
@@ -164,7 +164,7 @@ def _rendered() -> Iterator[tuple[Measured | None, float]]:
             yield next((one for one in own if one is not None), None), ms
 
 
-def measured_as_drawn(body: dict[str, Any], part: Part, model: Model) -> Measured | None:
+def measured_as_drawn(body: dict[str, Any], part: Part, model: Model) -> QuickMeasurements | None:
     """How near a named part is to a rendered scene's true body; None where it is not near."""
     corners = np.unique(np.vstack([f["corners_mm"] for f in body["facets"]]).round(3), axis=0)
     true = onto(corners, part.cyclopean_from_part, model.metric[part.recognition.label].solid)
@@ -172,7 +172,7 @@ def measured_as_drawn(body: dict[str, Any], part: Part, model: Model) -> Measure
     return None if true is None else _measured(part, model, true, doubt)
 
 
-def _families(seeds: range) -> Iterator[tuple[Measured | None, float]]:
+def _families(seeds: range) -> Iterator[tuple[QuickMeasurements | None, float]]:
     """Parts of the look-alike families, each taught alone."""
     doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
     for family, seed in product(FAMILIES, seeds):
@@ -192,7 +192,7 @@ def _named(left: Image, right: Image, rig: StereoRig, model: Model) -> tuple[lis
     return [p for p in scene.parts if p.named], 1000 * sum(scene.seconds.values())
 
 
-def _measured(part: Part, model: Model, true: Array, doubt: Array) -> Measured:
+def _measured(part: Part, model: Model, true: Array, doubt: Array) -> QuickMeasurements:
     """doubt (6, 6): of the true pose, about the part's middle."""
     corners = model.metric[part.recognition.label].solid.corners_mm
     pose = part.cyclopean_from_part
@@ -201,7 +201,7 @@ def _measured(part: Part, model: Model, true: Array, doubt: Array) -> Measured:
     off = frames.difference(pose, true)
     chi_square = float(off @ np.linalg.solve(part.covariance + about @ doubt @ about.T, off))
     apart = np.linalg.norm(frames.apply(pose, corners) - frames.apply(true, corners), axis=1)
-    return Measured(float(apart.mean()), chi_square, "edges" in part.recognition.reason)
+    return QuickMeasurements(float(apart.mean()), chi_square, "edges" in part.recognition.reason)
 
 
 def _of_cube(cyclopean_from_cube: Array, solid: Polyhedron, part: Part) -> Array:

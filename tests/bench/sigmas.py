@@ -21,11 +21,11 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.calibration.arm_error import motion_by_parameters
 from daemon.calibration.arm_from_readings import find_arm
-from daemon.calibration.board import Board, SeenBoard
+from daemon.calibration.board import Board, DetectedBoard
 from daemon.calibration.camera import calibrate_camera
 from daemon.calibration.hand_eye import Sample, calibrate_hand_eye
-from daemon.calibration.hand_eye_doubt import motion_by_parameters
 from daemon.calibration.least_squares import chain, pose_of, project, solve, transform_of
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.pick.pose_fusion import Doubt, Sighting, fuse, sighting
@@ -71,10 +71,10 @@ def _axes(errors: Array, variances: Array) -> Scores:
     return [(float(square), 1) for square in errors**2 / variances]
 
 
-def _seen(camera: Camera, pose: Array, noise_px: float, rng: np.random.Generator) -> SeenBoard:
+def _seen(camera: Camera, pose: Array, noise_px: float, rng: np.random.Generator) -> DetectedBoard:
     """The board at cyclopean_from_board, its corners with noise."""
     px = camera.project(frames.apply(pose, BOARD.points_mm()))
-    return SeenBoard(np.arange(len(px)), px + rng.normal(0, noise_px, px.shape), 0.8)
+    return DetectedBoard(np.arange(len(px)), px + rng.normal(0, noise_px, px.shape), 0.8)
 
 
 def stereo(seed: int) -> Scores:

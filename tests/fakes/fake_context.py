@@ -238,7 +238,7 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         trainer=trainer,
         worker=ComputesHere(),
         study=ComputesHere(),
-        judged=None,
+        coverages=None,
         troubles=Troubles(),
         notices=Notices(),
         hardware=SimpleNamespace(kind="real", seed=None, operator=None, cameras=SimpleNamespace(alone=None)),

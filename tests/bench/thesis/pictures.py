@@ -15,7 +15,7 @@ from math import inf
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
+from daemon.calibration.quick import Depth, QuickMeasurements, Width, calibrate_quick
 from daemon.store.library import load_facets
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry import Camera, StereoRig
@@ -151,7 +151,7 @@ def compensation_table() -> str:
 
     at = np.arange(440.0, 761.0, 40.0)
     widths = [Width(50.0, z, 760 * 50 / z) for z in (500.0, 600.0, 700.0)]
-    made = Measured((512, 480), 200.0, 567.0, *pin(567.0), widths, [Depth(z, *pin(z)) for z in at])
+    made = QuickMeasurements((512, 480), 200.0, 567.0, *pin(567.0), widths, [Depth(z, *pin(z)) for z in at])
     result = calibrate_quick(made)
     rows = [
         ["on the axis", *(_percent(off, at) for off in (result.formula_mm, result.compensated_mm, result.left_out_mm))]

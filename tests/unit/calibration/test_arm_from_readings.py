@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LEAST_READINGS, ArmFound, NoArmError, find_arm, poses, refined
+from daemon.calibration.arm_from_readings import LEAST_READINGS, ArmEstimate, NoArmError, find_arm, poses, refine_arm
 from daemon.calibration.arm_hypotheses import NAMES
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED, likeness
@@ -45,7 +45,7 @@ def geometry(lengths: tuple[float, ...], rng: np.random.Generator, tilted: bool)
     return ArmGeometry(*lengths, world_from_base=base, flange_from_tool=tool)
 
 
-def read(truth: Truth, joints_deg: Array) -> tuple[ArmFound, Array, Array]:
+def read(truth: Truth, joints_deg: Array) -> tuple[ArmEstimate, Array, Array]:
     places, printed = truth.places(joints_deg), truth.printed_deg(joints_deg)
     return find_arm(places, printed), places, printed
 
@@ -98,7 +98,7 @@ def test_steps_of_two_degrees_show_the_convention_and_how_little_they_show_of_th
     np.testing.assert_allclose(found.lengths_mm, (431.8, 20.3, 150.05, 431.8), atol=2.5)
     assert 0.1 < found.sigma["a2"] < 2.0
     assert found.convention.signs == (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)
-    settled = refined(found, places, printed, PUBLISHED[0].lengths_mm)
+    settled = refine_arm(found, places, printed, PUBLISHED[0].lengths_mm)
     far = np.random.default_rng(1).uniform(LOW, HIGH, (20, 6))
     assert np.abs(poses(settled, truth.printed_deg(far))[:, :3, 3] - truth.places(far)[:, :3, 3]).max() < 0.5
 
@@ -195,6 +195,6 @@ def test_a_tool_that_is_square_on_the_flange_is_refined_to_be_just_that_and_anot
     )
     truth = Truth(replace(square, flange_from_tool=tool), np.ones(6), np.zeros(6) - [0, 0, 0, 0, 0, turned_deg])
     found, places, printed = read(truth, rng.uniform(LOW, HIGH, (20, 6)))
-    better = refined(found, places, printed, (431.8, 20.3, 150.05, 431.8))
+    better = refine_arm(found, places, printed, (431.8, 20.3, 150.05, 431.8))
     tilted = np.degrees(np.arccos(np.clip(better.wrist_from_tool[2, 2], -1.0, 1.0)))
     assert tilted == pytest.approx(turned_deg % 90, abs=0.003 if turned_deg % 90 else 1e-6)

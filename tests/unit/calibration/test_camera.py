@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import Board, SeenBoard
+from daemon.calibration.board import Board, DetectedBoard
 from daemon.calibration.camera import calibrate_camera
 from daemon.calibration.stereo import StereoError
-from daemon.calibration.tour import looks_at, spread_out
+from daemon.calibration.tour import choose_spread, viewpoints_around
 from daemon.vision.geometry import Camera
 
 BOARD = Board(9, 6, 16.0)
@@ -18,15 +18,15 @@ TRUE = Camera(
 )
 
 
-def views(count: int, sigma_px: float = 0.05, seed: int = 0) -> list[tuple[str, SeenBoard]]:
+def views(count: int, sigma_px: float = 0.05, seed: int = 0) -> list[tuple[str, DetectedBoard]]:
     """Boards from all round, corners with noise."""
     rng, points = np.random.default_rng(seed), BOARD.points_mm()
     start = frames.rigid(np.eye(3), points.mean(axis=0) - np.array([0.0, 0.0, 330.0]))
-    looks = looks_at(np.eye(4), points.mean(axis=0), np.array([1.0, 0.0, 0.0]))
+    looks = viewpoints_around(np.eye(4), points.mean(axis=0), np.array([1.0, 0.0, 0.0]))
     found = []
-    for k, look in enumerate(spread_out(looks, count, lambda _: True, start)):
+    for k, look in enumerate(choose_spread(looks, count, lambda _: True, start)):
         px = TRUE.project(frames.apply(frames.inverse(look), points))
-        found.append((f"pose {k}", SeenBoard(np.arange(len(points)), px + rng.normal(0, sigma_px, px.shape), 0.7)))
+        found.append((f"pose {k}", DetectedBoard(np.arange(len(points)), px + rng.normal(0, sigma_px, px.shape), 0.7)))
     return found
 
 
@@ -44,7 +44,7 @@ def test_a_view_in_which_the_board_moved_is_named_and_left_out() -> None:
     name, board = seen[3]
     seen[3] = (
         name,
-        SeenBoard(board.corner_ids, board.corners_px + np.linspace(0, 4, len(board.corners_px))[:, None], 0.7),
+        DetectedBoard(board.corner_ids, board.corners_px + np.linspace(0, 4, len(board.corners_px))[:, None], 0.7),
     )
     result = calibrate_camera(seen, BOARD, (640, 480))
     assert list(result.dropped) == ["pose 3"]
@@ -58,7 +58,7 @@ def test_views_that_all_look_alike_make_no_calibration() -> None:
         turn = frames.rotation_from_vector(rng.uniform(-0.02, 0.02, 3))
         away = np.array([*rng.uniform(-20, 20, 2), 330.0]) - points.mean(axis=0)
         px = TRUE.project(points @ turn.T + away)
-        seen.append((f"pose {k}", SeenBoard(np.arange(len(points)), px + rng.normal(0, 0.05, px.shape), 0.7)))
+        seen.append((f"pose {k}", DetectedBoard(np.arange(len(points)), px + rng.normal(0, 0.05, px.shape), 0.7)))
     with pytest.raises(StereoError, match=r"too similar: .* focal length .* tilt the board"):
         calibrate_camera(seen, BOARD, (640, 480))
 

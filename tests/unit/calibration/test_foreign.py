@@ -17,7 +17,7 @@ from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
 from daemon.calibration.foreign import InterchangeError, read_foreign
 from daemon.calibration.interchange import to_opencv, to_ros
-from daemon.calibration.lens_refit import LensError, rays_in_view, refitted
+from daemon.calibration.lens_refit import LensError, rays_in_view, refit_lens
 from daemon.vision.geometry import StereoRig
 from tests.fakes.rigs import unlike_rig
 from tests.unit.calibration.test_interchange import assert_same, rig_in
@@ -318,16 +318,16 @@ def off_px(lens_matrix: np.ndarray, ours: np.ndarray, theirs: np.ndarray) -> flo
 
 def test_a_rational_lens_is_refitted_and_its_error_told() -> None:
     theirs = np.array([0.12, -0.05, 4e-4, -3e-4, 0.01, 0.2, -0.03, 0.004])
-    lens = refitted(MATRIX, theirs, SIZE)
+    lens = refit_lens(MATRIX, theirs, SIZE)
     assert 3e-5 < lens.off_px < 1e-3
     assert off_px(lens.matrix, lens.distortion, theirs) <= lens.off_px * 1.05 + 1e-3
 
 
 def test_a_mild_fisheye_lens_is_refitted_and_a_strong_one_refused(tmp_path: Path) -> None:
-    lens = refitted(MATRIX, np.array([0.25, 0.05, 0.0, 0.0]), SIZE, fisheye=True)
+    lens = refit_lens(MATRIX, np.array([0.25, 0.05, 0.0, 0.0]), SIZE, fisheye=True)
     assert 0 < lens.off_px < 0.1
     with pytest.raises(LensError, match=r"the limit is 0\.1"):
-        refitted(np.array([[210.0, 0, 322], [0, 210, 238], [0, 0, 1]]), np.array([-0.02, 0.003, 0, 0]), SIZE, True)
+        refit_lens(np.array([[210.0, 0, 322], [0, 210, 238], [0, 0, 1]]), np.array([-0.02, 0.003, 0, 0]), SIZE, True)
     chain = camchain(unlike_rig(), "equidistant", [0.25, 0.05, 0.0, 0.0])
     (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
     assert max(read_foreign([tmp_path / "chain.yaml"]).refit_px) < 0.1
@@ -355,7 +355,7 @@ def test_a_wide_lens_is_judged_as_far_as_the_corners_of_its_image() -> None:
     """They lie 69 degrees off its axis; over the middle half of the image the lens would fit to a thousandth."""
     wide = np.array([[150.0, 0, 322.0], [0, 150.0, 238.0], [0, 0, 1]])
     with pytest.raises(LensError, match=r"off by 0\.\d+ px near the image's corners"):
-        refitted(wide, np.array([0.1, 0, 0, 0, 0, 0.12, 0, 0]), SIZE)
+        refit_lens(wide, np.array([0.1, 0, 0, 0, 0, 0.12, 0, 0]), SIZE)
 
 
 def test_a_lens_is_judged_by_rays_up_to_its_fold_and_none_beyond() -> None:
@@ -367,16 +367,16 @@ def test_a_lens_is_judged_by_rays_up_to_its_fold_and_none_beyond() -> None:
 
 def test_a_lens_that_folds_back_within_its_image_is_refused() -> None:
     with pytest.raises(LensError, match="folds back inside the image"):
-        refitted(MATRIX, np.array([-3.0, 0, 0, 0, 0, 0.1, 0, 0]), SIZE)
+        refit_lens(MATRIX, np.array([-3.0, 0, 0, 0, 0, 0.1, 0, 0]), SIZE)
 
 
 @pytest.mark.parametrize("values", [[], [-0.08], [0.1, 0.0, 0.0, 0.0], [0.1, 0, 0, 0, 0, 0, 0, 0], [0.0] * 14])
 def test_a_lens_that_is_ours_already_stays_as_it_is(values: list[float]) -> None:
     if len(values) == 1:
         with pytest.raises(LensError, match="1 distortion coefficients"):
-            refitted(MATRIX, np.array(values), SIZE)
+            refit_lens(MATRIX, np.array(values), SIZE)
         return
-    lens = refitted(MATRIX, np.array(values), SIZE)
+    lens = refit_lens(MATRIX, np.array(values), SIZE)
     assert lens.off_px == 0
     np.testing.assert_array_equal(lens.distortion, ([*values, *[0.0] * 5])[:5])
 

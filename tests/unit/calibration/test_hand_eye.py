@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.calibration.arm_error import ArmError, estimated_arm_error, motion_by_parameters, pose_equations
 from daemon.calibration.hand_eye import (
     FEWEST_POSES,
     HandEyeError,
@@ -23,7 +24,6 @@ from daemon.calibration.hand_eye import (
     park_martin,
     shah,
 )
-from daemon.calibration.hand_eye_doubt import ArmError, estimated_arm_error, motion_by_parameters, pose_equations
 from daemon.calibration.least_squares import pose_of, transform_of
 from tests.fakes.boards import BOARD
 from tests.fakes.chosen import few
@@ -128,7 +128,7 @@ def held_looks(seed: int, count: int = 18, arm_mm: float = 0.1, noise_px: float 
         seen = [camera.project(points) + rng.normal(0, noise_px, (len(points), 2)) for camera in (rig.left, rig.right)]
         true = OVER_THE_TABLE @ camera_from_board @ frames.inverse(TOOL_FROM_BOARD)
         wobble = np.concatenate([rng.normal(0, arm_mm, 3), rng.normal(0, np.radians(0.02) * arm_mm / 0.1, 3)])
-        samples.append(Sample(frames.perturb(true, wobble), BOARD.points_mm(), seen[0], seen[1], held=True))
+        samples.append(Sample(frames.perturb(true, wobble), BOARD.points_mm(), seen[0], seen[1], board_in_gripper=True))
     return samples
 
 

@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.calibration.plausible import changed, implausible_rig
+from daemon.calibration.plausible import changed_parameters, implausible_rig
 from daemon.calibration.stereo import rig_of
 from daemon.vision.geometry import StereoRig
 from tests.fakes.rigs import rig, thesis_rig, unlike_rig
@@ -99,9 +99,9 @@ def test_each_rig_that_cannot_be_is_told_with_its_cause(one: StereoRig, words: s
 
 
 def test_what_changed_against_the_file_before_is_told() -> None:
-    assert changed(rig(), rig()) == []
-    assert "baseline" in changed(rig(90.0), rig())[0]
-    assert "images of 1280x960" in changed(replace(rig(), image_size=(1280, 960)), rig())[0]
+    assert changed_parameters(rig(), rig()) == []
+    assert "baseline" in changed_parameters(rig(90.0), rig())[0]
+    assert "images of 1280x960" in changed_parameters(replace(rig(), image_size=(1280, 960)), rig())[0]
 
 
 def keys(one: StereoRig) -> list[tuple[str | int, ...]]:
@@ -192,16 +192,16 @@ def test_a_lens_folds_where_its_largest_image_lies_within_the_corners(k1: float)
 @pytest.mark.parametrize(("scale", "noticed"), [(0.96, True), (0.98, False), (1.02, False), (1.04, True)])
 def test_a_baseline_changes_by_three_percent_at_most(scale: float, noticed: bool) -> None:
     lines = [f"the baseline is {scale:.3g} times what it was: other cameras, or another unit?"] if noticed else []
-    assert changed(rig(60.0 * scale), rig(60.0)) == lines
+    assert changed_parameters(rig(60.0 * scale), rig(60.0)) == lines
 
 
 @pytest.mark.parametrize(("scale", "noticed"), [(0.89, True), (0.91, False), (1.09, False), (1.11, True)])
 def test_a_focal_length_changes_by_a_tenth_at_most_as_a_share_of_the_image(scale: float, noticed: bool) -> None:
     one = with_left(matrix=matrix(fx=float(rig().left.matrix[0, 0]) * scale))
     lines = [f"the focal length is {scale:.3g} times what it was: other cameras, or another unit?"] if noticed else []
-    assert changed(one, rig()) == lines
+    assert changed_parameters(one, rig()) == lines
     small = replace(one, image_size=(320, 240), left=replace(one.left, matrix=one.left.matrix / 2))
-    assert changed(small, rig()) == ["images of 320x240 px, 640x480 before", *lines]
+    assert changed_parameters(small, rig()) == ["images of 320x240 px, 640x480 before", *lines]
 
 
 @given(st.integers(0, 70), st.integers(0, 70))

@@ -11,19 +11,19 @@ from msgspec import structs
 
 from daemon import ctl
 from daemon.calibration.file import load_calibration
-from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
+from daemon.calibration.quick import Depth, QuickMeasurements, Width, calibrate_quick
 from daemon.vision.geometry.rig import Camera
 from tests.fakes.rigs import thesis_rig
 
 
-def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:
+def measured(baseline_mm: float = 200.0, depths: bool = True) -> QuickMeasurements:
     rig = thesis_rig()
 
     def px(camera: Camera, at_mm: float) -> tuple[float, float]:
         u, v = camera.project(np.array([[0.0, 0, at_mm]]))[0]
         return float(u), float(v)
 
-    return Measured(
+    return QuickMeasurements(
         image_size=(512, 480),
         baseline_mm=baseline_mm,
         fixation_mm=567.0,

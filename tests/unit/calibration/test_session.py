@@ -18,12 +18,12 @@ from daemon.arm import MoveRefusedError, NotSettledError
 from daemon.arm.permit import Refusal
 from daemon.arrays import Array
 from daemon.calibration import session
-from daemon.calibration.board import BoardError, SeenBoard
+from daemon.calibration.arm_error import ArmError
+from daemon.calibration.board import BoardError, DetectedBoard
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration, Quality
-from daemon.calibration.guide import Shown, missing
+from daemon.calibration.guide import BoardPose, missing_views
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, cyclopean_from_board, diversity_deg
-from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import (
     EPIPOLAR_LIMIT_PX,
     LENGTH_LIMIT_MM,
@@ -33,7 +33,7 @@ from daemon.calibration.session import (
     SessionError,
     best_further_view,
     board_at_rest,
-    board_in_gripper,
+    board_capsules,
     plan_tour,
     sample_of,
     solve_camera,
@@ -64,9 +64,9 @@ WORLD_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([3.1, 0.05,
 CALIBRATION = Calibration(unlike_rig(), TOOL_FROM_CYCLOPEAN)
 
 
-def seen_by(camera: Camera, cyclopean_from_board: Array) -> SeenBoard:
+def seen_by(camera: Camera, cyclopean_from_board: Array) -> DetectedBoard:
     points = BOARD.points_mm()
-    return SeenBoard(np.arange(len(points)), camera.project(frames.apply(cyclopean_from_board, points)), 0.5)
+    return DetectedBoard(np.arange(len(points)), camera.project(frames.apply(cyclopean_from_board, points)), 0.5)
 
 
 def views_of_the_board(count: int = 6, stretched: float = 1.0, arm_mm: float = 0.0) -> list[BoardView]:
@@ -140,7 +140,7 @@ def session_of(**more: Any) -> Any:
     mover = SimpleNamespace(cell=cell, reach=SimpleNamespace(allows=lambda _: True), dry=False, here=None, **more)
     supervisor = SimpleNamespace(mover=mover, run=now, refuse_unless_permitted=lambda: None)
     return SimpleNamespace(
-        held=False,
+        board_in_gripper=False,
         supervisor=supervisor,
         board=BOARD,
         calibration=CALIBRATION,
@@ -159,7 +159,7 @@ def shown_by_hand(monkeypatch: pytest.MonkeyPatch, looks: Iterable[BoardView | E
         return look
 
     monkeypatch.setattr(session, "see_board", see)
-    kept: list[Any] = asyncio.run(session.show_by_hand(session_of(), said))
+    kept: list[Any] = asyncio.run(session.views_by_hand(session_of(), said))
     return kept, "\n".join(call.args[0] for call in said.await_args_list)
 
 
@@ -194,14 +194,14 @@ def test_a_board_held_by_hand_counts_once_a_view_and_what_is_still_missing_is_sa
         assert said.count(f"view {number}") == 1
         residual = f"view {number}, residual 0.00 px so far; next:" in said
         assert residual is (number >= FEWEST_PAIRS and number % 3 == 0)
-    assert f"view 1; next: {missing(shown_of(views[:1]))[0]}" in said
+    assert f"view 1; next: {missing_views(shown_of(views[:1]))[0]}" in said
     assert said.endswith("next: done")
 
 
-def shown_of(views: Sequence[BoardView]) -> list[Shown]:
+def shown_of(views: Sequence[BoardView]) -> list[BoardPose]:
     size = np.array(unlike_rig().image_size, float)
     return [
-        Shown(cyclopean_from_board(sample_of(v, BOARD), unlike_rig()), v.pair.left.corners_px / size) for v in views
+        BoardPose(cyclopean_from_board(sample_of(v, BOARD), unlike_rig()), v.pair.left.corners_px / size) for v in views
     ]
 
 
@@ -287,7 +287,7 @@ def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye
 def planned(count: int, allowed: Callable[[Array], bool], mounting_alone: bool) -> list[Array]:
     reach = SimpleNamespace(allows=allowed)
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
-    session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, held=False)
+    session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, board_in_gripper=False)
     return plan_tour(session, reach, views_of_the_board(1)[0], count, mounting_alone)
 
 
@@ -325,7 +325,7 @@ GRIPPER_DOWN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([600.0, -10.0, 
 @pytest.mark.parametrize("mounting_alone", [False, True])
 def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view(mounting_alone: bool) -> None:
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=SimpleNamespace(allows=lambda _: True)))
-    session: Any = SimpleNamespace(calibration=FIXED, board=BOARD, supervisor=supervisor, held=True)
+    session: Any = SimpleNamespace(calibration=FIXED, board=BOARD, supervisor=supervisor, board_in_gripper=True)
     first = held_view(GRIPPER_DOWN)
     np.testing.assert_allclose(board_at_rest(first, BOARD, FIXED), HELD, atol=0.05)
     poses = plan_tour(session, supervisor.mover.reach, first, 16, mounting_alone)
@@ -354,7 +354,7 @@ def test_of_a_few_poses_that_differ_little_the_further_view_that_helps_most_is_t
 
 
 def test_the_guard_knows_the_board_in_the_gripper_with_its_rim() -> None:
-    load = board_in_gripper(SimpleNamespace(calibration=FIXED, board=BOARD), held_view(GRIPPER_DOWN))  # type: ignore[arg-type]
+    load = board_capsules(SimpleNamespace(calibration=FIXED, board=BOARD), held_view(GRIPPER_DOWN))  # type: ignore[arg-type]
     around = load[-1]
     axis = np.array([around.from_mm, around.to_mm])
     for corner in frames.apply(HELD, BOARD.points_mm()):
@@ -396,7 +396,7 @@ def test_the_board_is_sought_in_the_pictures_of_the_cameras_in_use_and_both_are_
     monkeypatch.setattr(session, "settled_pair", settled)
     ids = {"left's": np.arange(20), "right's": np.arange(12, 54)}
     monkeypatch.setattr(
-        session, "find_board", lambda pixels, _: SeenBoard(ids[pixels], np.zeros((len(ids[pixels]), 2)), 1)
+        session, "find_board", lambda pixels, _: DetectedBoard(ids[pixels], np.zeros((len(ids[pixels]), 2)), 1)
     )
     log = SimpleNamespace(record=lambda kind, **fields: logged.append({"kind": kind, **fields}))
     cell = SimpleNamespace(clock=lambda: 0.0, log=log, alone=alone)

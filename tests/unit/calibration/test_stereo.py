@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import BoardError, SeenBoard
-from daemon.calibration.stereo import FEWEST_SHARED, Pair, StereoError, calibrate_stereo, matched
+from daemon.calibration.board import BoardError, DetectedBoard
+from daemon.calibration.stereo import FEWEST_SHARED, Pair, StereoError, calibrate_stereo, match_corners
 from tests.fakes.boards import BOARD
 from tests.fakes.rigs import unlike_rig
 
@@ -34,7 +34,7 @@ def sights(seed: int, count: int = 12, noise_px: float = 0.1) -> list[Pair]:
         points = frames.apply(pose, BOARD.points_mm())
         ids = np.arange(len(points))
         seen = [camera.project(points) + rng.normal(0, noise_px, (len(points), 2)) for camera in (rig.left, rig.right)]
-        pairs.append(Pair(f"view {k}", SeenBoard(ids, seen[0], 0.8), SeenBoard(ids, seen[1], 0.8)))
+        pairs.append(Pair(f"view {k}", DetectedBoard(ids, seen[0], 0.8), DetectedBoard(ids, seen[1], 0.8)))
     return pairs
 
 
@@ -66,7 +66,7 @@ def test_swapped_cameras_are_told_as_such() -> None:
 
 
 def test_one_mirrored_camera_is_told_as_such() -> None:
-    def mirrored(seen: SeenBoard) -> SeenBoard:
+    def mirrored(seen: DetectedBoard) -> DetectedBoard:
         grid = (np.array([639.0, 0]) + seen.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
         return replace(seen, corners_px=grid.reshape(-1, 2))
 
@@ -90,16 +90,16 @@ def test_corners_are_matched_by_their_ids_and_must_be_enough() -> None:
         some = Pair("view", only(pair.left, of_left), only(pair.right, of_right))
         if shared < FEWEST_SHARED:
             with pytest.raises(BoardError, match=f"share {shared} of its corners, {FEWEST_SHARED} are needed"):
-                matched(some, BOARD)
+                match_corners(some, BOARD)
             continue
         both = np.sort(ids[20 : 20 + shared])
-        found = matched(some, BOARD)
+        found = match_corners(some, BOARD)
         np.testing.assert_array_equal(found.points_mm, BOARD.points_mm()[both])
         np.testing.assert_array_equal(found.left_px, pair.left.corners_px[both])
         np.testing.assert_array_equal(found.right_px, pair.right.corners_px[both])
     with pytest.raises(StereoError, match="one camera saw the board"):
-        matched(replace(pair, right=None), BOARD)
+        match_corners(replace(pair, right=None), BOARD)
 
 
-def only(seen: SeenBoard, ids: np.ndarray) -> SeenBoard:
-    return SeenBoard(ids, seen.corners_px[ids], seen.blur_px)
+def only(seen: DetectedBoard, ids: np.ndarray) -> DetectedBoard:
+    return DetectedBoard(ids, seen.corners_px[ids], seen.blur_px)

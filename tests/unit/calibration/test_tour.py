@@ -17,15 +17,15 @@ from daemon.arm.operators import RefusedError
 from daemon.arm.supervisor import Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
 from daemon.calibration.session import view_tour
-from daemon.calibration.tour import in_order, looks_at, spread_out
+from daemon.calibration.tour import choose_spread, shortest_order, viewpoints_around
 from tests.fakes.fake_cell import World, build
 
 
 def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> None:
     world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([480.0, 40.0, -296.0]))
     centre = np.array([64.0, 40.0, 0.0])
-    looks = looks_at(world_from_board, centre, np.array([0.0, 1.0, 0.0]))
-    chosen = spread_out(looks, 20, lambda _: True, looks[0])
+    looks = viewpoints_around(world_from_board, centre, np.array([0.0, 1.0, 0.0]))
+    chosen = choose_spread(looks, 20, lambda _: True, looks[0])
     assert len(chosen) == 20
     assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
     for look in chosen:
@@ -39,18 +39,18 @@ def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> N
 def test_a_hand_that_reaches_no_steep_tilt_still_turns_enough_for_the_hand_eye() -> None:
     """Near the end of the arm's reach it can tilt by 25 degrees at most: a tour of small tilts only would fail."""
     world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([480.0, 40.0, -296.0]))
-    looks = looks_at(world_from_board, np.array([64.0, 40.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    chosen = spread_out(looks, 15, lambda look: look[2, 2] < -np.cos(np.radians(25.0)), looks[0])
+    looks = viewpoints_around(world_from_board, np.array([64.0, 40.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    chosen = choose_spread(looks, 15, lambda look: look[2, 2] < -np.cos(np.radians(25.0)), looks[0])
     assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
 
 
 def test_poses_that_are_not_allowed_are_left_out_and_the_others_are_chosen_once() -> None:
     world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-    looks = looks_at(world_from_board, np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    chosen = spread_out(looks, 12, lambda pose: pose[0, 3] > 0, looks[0])
+    looks = viewpoints_around(world_from_board, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    chosen = choose_spread(looks, 12, lambda pose: pose[0, 3] > 0, looks[0])
     assert len(chosen) == 12
     assert all(pose[0, 3] > 0 for pose in chosen)
-    ordered = in_order(chosen, looks[0])
+    ordered = shortest_order(chosen, looks[0])
     assert {id(p) for p in ordered} == {id(p) for p in chosen}
 
 
@@ -67,7 +67,7 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
         supervisor=supervisor,
         prepare_to_move=supervisor.mover.rest,
         calibration=SimpleNamespace(hand_eye=np.eye(4)),
-        held=False,
+        board_in_gripper=False,
     )
     with pytest.raises(OSError, match="not at rest"):
         asyncio.run(view_tour(session, 0, AsyncMock(), 60.0))

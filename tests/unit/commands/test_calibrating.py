@@ -15,9 +15,9 @@ import yaml
 
 from daemon import frames
 from daemon.arm import InWorld, OnHand
+from daemon.calibration.arm_error import ArmError
 from daemon.calibration.file import load_calibration
-from daemon.calibration.hand_eye_doubt import ArmError
-from daemon.calibration.session import CalibrationSession, Verified
+from daemon.calibration.session import CalibrationSession, VerificationResult
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line, grasp_lines, verification_result
 from daemon.console.interpreter import CommandError, CommandResult, Interpreter
@@ -197,7 +197,7 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
         context.calibration = replace(known, tool_from_cyclopean=np.eye(4))
         return known, SimpleNamespace(stereo_rms_px=0.1, epipolar_px=0.1, sigmas={})
 
-    monkeypatch.setattr(calibrating, "show_by_hand", shown)
+    monkeypatch.setattr(calibrating, "views_by_hand", shown)
     monkeypatch.setattr(calibrating, "solve_stereo", solved)
     monkeypatch.setattr(calibrating, "_stereo_lines", lambda _: [])
     answer = say(context, "calibrate by-hand")
@@ -208,5 +208,5 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
 
 def test_a_verification_counts_the_poses_that_it_announced() -> None:
     """It announced 8 poses and reported 9: the first view, from where the arm stood, counts as well."""
-    text = verification_result(Verified(9, -0.0029, 0.16, 0.05, 0.48, ())).text
+    text = verification_result(VerificationResult(9, -0.0029, 0.16, 0.05, 0.48, ())).text
     assert text.startswith("From 8 new poses and the first one: lengths 0.16 mm off (scale -0.29 %)")

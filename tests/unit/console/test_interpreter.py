@@ -220,7 +220,7 @@ def test_another_model_amid_an_auto_is_asked_about_and_refused_where_nobody_can_
     context.trainer.model_store.versions = lambda: [1, 2, 3, 4]
     for name in ("accept", "rollback", "take"):
         setattr(context.trainer, name, lambda *_, name=name: taken.append(name) or 2)
-    context.trainer.judge_version = lambda _: ()
+    context.trainer.coverages_of_version = lambda _: ()
     context.use_model = lambda *_: None
     assert "auto is on" in say(context, word).text
     assert say(context, word, FakeFrontend(answers=["n"])).status == 1

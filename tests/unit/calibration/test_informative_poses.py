@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.calibration.arm_error import SHARED, ArmError, motion_by_parameters, pose_equations
 from daemon.calibration.board import parse_board
 from daemon.calibration.hand_eye import Sample, hand_eye_problem
-from daemon.calibration.hand_eye_doubt import SHARED, ArmError, motion_by_parameters, pose_equations
+from daemon.calibration.informative_poses import FEW, Setup, error_mm, information, most_informative
 from daemon.calibration.least_squares import pose_of
-from daemon.calibration.telling_poses import FEW, Setup, error_mm, information, most_telling
-from daemon.calibration.tour import looks_at, spread_out
+from daemon.calibration.tour import choose_spread, viewpoints_around
 from tests.fakes.fake_cell import rig
 
 BOARD = parse_board("9x6", 16.0, [])
@@ -34,19 +34,19 @@ def setup_with(held: bool) -> Setup:
 
 def tools(setup: Setup) -> list[Array]:
     """world_from_tool of looks around the board."""
-    looks = looks_at(LIES, BOARD.points_mm().mean(axis=0), np.array([1.0, 0.0, 0.0]))[::7]
-    if not setup.held:
+    looks = viewpoints_around(LIES, BOARD.points_mm().mean(axis=0), np.array([1.0, 0.0, 0.0]))[::7]
+    if not setup.board_in_gripper:
         return [look @ frames.inverse(HAND_EYE) for look in looks]
     return [IN_WORLD @ frames.inverse(look) @ LIES @ frames.inverse(IN_GRIPPER) for look in looks]
 
 
 def by_equations(setup: Setup, world_from_tool: Array) -> Array:
     """(12, 12) information about the motions of mounting and rest, by the solver's own equations of that view."""
-    carried = world_from_tool if setup.held else frames.inverse(world_from_tool)
+    carried = world_from_tool if setup.board_in_gripper else frames.inverse(world_from_tool)
     seen = frames.inverse(setup.mounting) @ carried @ setup.rest
     px = [camera.project(frames.apply(seen, setup.points_mm)) for camera in (setup.rig.left, setup.rig.right)]
     at = np.concatenate([pose_of(setup.mounting), pose_of(setup.rest), np.zeros(6)])
-    sample = Sample(world_from_tool, setup.points_mm, *px, held=setup.held)
+    sample = Sample(world_from_tool, setup.points_mm, *px, board_in_gripper=setup.board_in_gripper)
     residuals, jacobian = hand_eye_problem([sample], setup.rig, setup.arm)(at)
     shared, _ = pose_equations(jacobian, residuals, at, [slice(6, None)])[0].without_own(setup.arm)
     back = np.zeros((SHARED, SHARED))
@@ -72,8 +72,8 @@ def test_sixteen_telling_poses_leave_as_little_error_as_twentyfour_that_differ_m
     setup = setup_with(held=False)
     poses = tools(setup)
     first = [poses[0]]
-    telling = [poses[k] for k in most_telling(setup, poses, 16, lambda _: True, first)]
-    differing = spread_out(poses, 24, lambda _: True, first[0])
+    telling = [poses[k] for k in most_informative(setup, poses, 16, lambda _: True, first)]
+    differing = choose_spread(poses, 24, lambda _: True, first[0])
     left = [error_mm(setup, information(setup, first + more)[0].sum(axis=0)) for more in (telling, differing)]
     assert len(telling) == 16
     assert left[0] < 1.1 * left[1]
@@ -84,10 +84,10 @@ def test_poses_that_are_not_allowed_or_that_do_not_show_the_whole_board_are_left
     poses = tools(setup)
     turned_away = poses[0] @ frames.rigid(frames.rotation_from_vector(np.array([0.0, np.pi / 2, 0.0])), np.zeros(3))
     assert not information(setup, [turned_away])[1][0]
-    chosen = most_telling(setup, [turned_away, *poses], 5, lambda pose: pose[0, 3] > 0, [poses[0]])
+    chosen = most_informative(setup, [turned_away, *poses], 5, lambda pose: pose[0, 3] > 0, [poses[0]])
     assert len(chosen) == len(set(chosen)) == 5
     assert all(poses[k - 1][0, 3] > 0 for k in chosen)
-    assert most_telling(setup, poses, 5, lambda _: False, [poses[0]]) == []
+    assert most_informative(setup, poses, 5, lambda _: False, [poses[0]]) == []
 
 
 def test_one_camera_tells_less_than_two() -> None:
@@ -113,22 +113,22 @@ def test_each_chosen_pose_is_the_one_that_leaves_the_least_error_after_those_bef
             if in_view[k] and k not in chosen and poses[k][1, 3] > poses[3][1, 3]
         }
         chosen.append(min(left, key=left.__getitem__))
-    assert most_telling(setup, poses, 4, lambda pose: bool(pose[1, 3] > poses[3][1, 3]), done) == chosen
+    assert most_informative(setup, poses, 4, lambda pose: bool(pose[1, 3] > poses[3][1, 3]), done) == chosen
 
 
 def test_no_more_poses_are_chosen_than_show_the_board() -> None:
     setup = setup_with(held=False)
     poses = tools(setup)[::20]
     in_view = np.flatnonzero(information(setup, poses)[1])
-    assert sorted(most_telling(setup, poses, 1000, lambda _: True, poses[:1])) == in_view.tolist()
-    assert most_telling(setup, poses, 0, lambda _: True, poses[:1]) == []
+    assert sorted(most_informative(setup, poses, 1000, lambda _: True, poses[:1])) == in_view.tolist()
+    assert most_informative(setup, poses, 0, lambda _: True, poses[:1]) == []
 
 
 def test_a_pose_is_asked_about_only_where_it_would_be_chosen_next() -> None:
     """To ask may mean to plan a way there."""
     setup, asked = setup_with(held=False), list[Array]()
     poses = tools(setup)[::9]
-    most_telling(setup, poses, 3, lambda pose: asked.append(pose) or True, poses[:1])
+    most_informative(setup, poses, 3, lambda pose: asked.append(pose) or True, poses[:1])
     assert len(asked) == 3
 
 
