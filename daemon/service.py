@@ -43,9 +43,9 @@ from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
 from daemon.signals.input_form import load_form
-from daemon.signals.line import ProductionLine
 from daemon.signals.modbus import ModbusError, ModbusServer, PLCInputs, handed_in
 from daemon.signals.packml import PackMLState
+from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import ModbusSettings
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
@@ -170,7 +170,7 @@ class Service:
                 )
             moved = _moved((old, context.calibration), (config, calibration))
             if moved:
-                if context.cycle.supervisor.permit.granted:
+                if context.cycle.supervisor.permission.granted:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
             context.cycle.supervisor.refuse_during_job("settings are changed")
@@ -273,7 +273,7 @@ class Service:
         signals, robot = config.values.signals, self._hardware.robot
         form = load_form(config.state) if signals else None
         plc = PLCInputs(() if config.values.modbus is None else config.values.modbus.roles)
-        cycle.line = ProductionLine(signals, robot, form, self._hardware.clock, log.record, plc)
+        cycle.production_line = ProductionLine(signals, robot, form, self._hardware.clock, log.record, plc)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
@@ -309,7 +309,7 @@ class Service:
             text = "no socket was handed in: `systemctl enable --now facetd-modbus.socket`, then restart facetd"
             context.troubles.report("modbus", f"modbus: {text}")
             return
-        server = ModbusServer(listener, settings, context.cycle.line.plc, lambda: plc_readings(context))
+        server = ModbusServer(listener, settings, context.cycle.production_line.plc, lambda: plc_readings(context))
         self.in_background(self._guarded(server.serve()), "modbus")
 
     # While it runs
@@ -406,8 +406,8 @@ class Service:
         elif self._opening is not None and not self._opening.done():
             await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
-        if self._started and self.context is not None and self.context.cycle.line.has_line:
-            await _within(0.5, self.context.cycle.line.set_outputs(PackMLState.ABORTED))
+        if self._started and self.context is not None and self.context.cycle.production_line.has_line:
+            await _within(0.5, self.context.cycle.production_line.set_outputs(PackMLState.ABORTED))
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None

@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm.body import PERHAPS_HELD, ArmBody, Capsule, KeepOut, Point, above_mm, body_of
 from daemon.arm.collision_shapes import ARM, BODY_MM
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
@@ -83,8 +83,8 @@ class PathViolation:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The state that the rules are checked against. not_permitted: why nothing may move now (MotionPermit.refusal), or
-    None; at: the arm's last reported position, None: unknown; now_s: on the clock that stamps looks; violations: the
+    """The state that the rules are checked against. not_permitted: why nothing may move now (MotionPermission.refusal),
+    or None; at: the arm's last reported position, None: unknown; now_s: on the clock that stamps looks; violations: the
     rules that the path from there to the command's target breaks (sweep.py)."""
 
     not_permitted: Refusal | None
@@ -175,7 +175,7 @@ def _stale_look(command: MoveCommand, state: ArmState, limits: Limits) -> str | 
 
 
 # The order matters: a refusal names the first broken rule, and later rules may rely on earlier ones.
-# None: a rule that others check: permit.py whether anything may move, sweep.py the path.
+# None: a rule that others check: permission.py whether anything may move, sweep.py the path.
 RULES: tuple[tuple[str, Rule | None], ...] = (
     ("fault_active", None),
     ("not_enabled", None),

@@ -11,7 +11,7 @@ from math import inf
 
 from daemon.arm.motion import UnansweredError
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 
 
 async def _no_recheck() -> None:
@@ -42,11 +42,11 @@ class Waiting:
 
 
 class PauseAndStep:
-    """Pause and step mode. permit: its motion is held as soon as a pause or step mode begins; interrupted: called when
-    a pause holds a job, and when the job continues."""
+    """Pause and step mode. permission: its motion is held as soon as a pause or step mode begins; interrupted: called
+    when a pause holds a job, and when the job continues."""
 
-    def __init__(self, permit: MotionPermit, interrupted: Callable[[JobEvent], None]) -> None:
-        self._permit, self._interrupted = permit, interrupted
+    def __init__(self, permission: MotionPermission, interrupted: Callable[[JobEvent], None]) -> None:
+        self._permission, self._interrupted = permission, interrupted
         self.pauses = 0
         """Number of pauses so far: a resume that was decided before the last of them has no effect."""
         self.paused_by, self._paused_s = "", -inf
@@ -77,7 +77,7 @@ class PauseAndStep:
         """Hold before the next move of arm or gripper. by: who pauses."""
         self.pauses += 1
         self.paused_by, self._paused_s = by, time.monotonic()
-        self._permit.hold()
+        self._permission.hold()
         self._running.clear()
 
     def end_pause(self, pauses: int | None = None) -> None:
@@ -89,7 +89,7 @@ class PauseAndStep:
         """Switch step mode on or off. A move that waits for confirmation goes on waiting: an operator may be reading
         the question."""
         if on and not self.stepping:
-            self._permit.hold()
+            self._permission.hold()
         self.stepping = on
 
     def confirm(self) -> None:
@@ -122,7 +122,7 @@ class PauseAndStep:
                 await self._confirmed(text, until_s)
                 confirmed = True
             await recheck()
-        self._permit.release()
+        self._permission.release()
 
     async def _confirmed(self, text: str, until_s: float) -> None:
         loop = asyncio.get_running_loop()

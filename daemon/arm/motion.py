@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import PERHAPS_HELD, CarriedCapsule
 from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand_above_mm
-from daemon.arm.permit import MotionPermit, Refusal
+from daemon.arm.permission import MotionPermission, Refusal
 from daemon.arm.robot import HeldBackError, Kinematics
 from daemon.arm.route import OUT_MM, PathSegment, plan_path
 from daemon.arm.sweep import path_refusal, places_clear
@@ -154,7 +154,7 @@ async def _open_gate(*_: object) -> None:
 
 
 class Mover:
-    """Sends guarded moves while the robot's permit allows motion. gate: may make moves wait (pause, step mode);
+    """Sends guarded moves while the robot's permission allows motion. gate: may make moves wait (pause, step mode);
     dry: everything is done but the sending."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
@@ -168,9 +168,9 @@ class Mover:
         self.cycle = 0
 
     @property
-    def permit(self) -> MotionPermit:
+    def permission(self) -> MotionPermission:
         """Whether arm and gripper may move."""
-        return self.cell.robot.permit
+        return self.cell.robot.permission
 
     @property
     def beliefs(self) -> Beliefs:
@@ -214,7 +214,7 @@ class Mover:
     def arm_state(self) -> ArmState:
         """The arm's present state, for the guard."""
         at = None if self.here is None else self.here.world_from_tool
-        return ArmState(self.permit.refusal(), at, self.cell.clock())
+        return ArmState(self.permission.refusal(), at, self.cell.clock())
 
     async def rest(self) -> Reading:
         """Read from the controller where the arm is at rest, and store it. Raises where the arm keeps moving."""
@@ -452,7 +452,7 @@ class Mover:
             )
 
     def _check_gripper_permitted(self) -> None:
-        refusal = self.permit.refusal()
+        refusal = self.permission.refusal()
         if refusal is not None:
             raise self._refused(refusal)
 

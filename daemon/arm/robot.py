@@ -10,7 +10,7 @@ from typing import Protocol
 from daemon.arm.belief import Beliefs, Reading
 from daemon.arm.body import Capsule
 from daemon.arm.guard import MoveCommand
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 
@@ -22,7 +22,8 @@ class StopRefusedError(FacetdError):
 
 
 class HeldBackError(FacetdError):
-    """The motion permit was withheld just before the last byte of a motion command left: nothing was carried out."""
+    """The motion permission was withheld just before the last byte of a motion command left: nothing was carried
+    out."""
 
 
 class Kinematics(Protocol):
@@ -114,13 +115,13 @@ class ControllerMonitor(Protocol):
 class Robot(Protocol):
     """The arm; poses are matrices. Every method may raise; after an error the arm may still be moving.
 
-    permit: checked before the last byte of a motion command leaves; if it is withheld, HeldBackError is raised and
+    permission: checked before the last byte of a motion command leaves; if it is withheld, HeldBackError is raised and
     nothing was carried out. beliefs: the beliefs about arm and gripper. Before the robot raises, it voids those that
     are no longer valid (somebody else types on its line, the line was reconnected).
     """
 
     @property
-    def permit(self) -> MotionPermit: ...
+    def permission(self) -> MotionPermission: ...
 
     @property
     def beliefs(self) -> Beliefs: ...
@@ -187,7 +188,7 @@ class Robot(Protocol):
         """Switch digital outputs: n on, -n off."""
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs that operate the gripper, n on and -n off; needs the permit, as `hand` does."""
+        """Switch digital outputs that operate the gripper, n on and -n off; needs the permission, as `hand` does."""
 
     async def ask_input(self, text: str) -> str:
         """Send a line that reads an input. Returns the controller's output as one line."""

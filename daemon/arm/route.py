@@ -10,7 +10,7 @@ from itertools import pairwise
 from daemon.arm import paths
 from daemon.arm.belief import Reading
 from daemon.arm.guard import ArmState, Limits, MoveCommand, hand_above_mm, refuse
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.arm.robot import Kinematics
 from daemon.arm.sweep import path_refusal
 from daemon.arrays import Array

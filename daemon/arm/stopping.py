@@ -1,6 +1,6 @@
 """Stop the arm: repeat the stop command until the controller reports the arm at rest; raise the alarm if it does not.
 
-The supervisor handles what a stop means for jobs, the motion permit and faults.
+The supervisor handles what a stop means for jobs, the motion permission and faults.
 """
 
 import asyncio
@@ -42,12 +42,12 @@ class Stopping:
     @property
     def answered(self) -> bool:
         """Whether the controller has answered the stop that is under way, but has not confirmed it yet."""
-        return self.under_way and not self.alarm and self._robot().permit.stop_answered > self._answered_before
+        return self.under_way and not self.alarm and self._robot().permission.stop_answered > self._answered_before
 
     @property
     def within_s(self) -> float:
         """How long the stop may take before the alarm, s."""
-        return max(ABORT_S, TRIES * self._robot().permit.stop_took_s)
+        return max(ABORT_S, TRIES * self._robot().permission.stop_took_s)
 
     def begin(self, why: str) -> bool:
         """Begin a stop, or join the one that is under way. Returns whether it began one. why: the reason, for the
@@ -56,11 +56,11 @@ class Stopping:
         if self.under_way:
             return False
         self._alarm = asyncio.get_running_loop().create_future()
-        permit = self._robot().permit
-        self._answered_before = permit.stop_answered
-        permit.stop_begins()
+        permission = self._robot().permission
+        self._answered_before = permission.stop_answered
+        permission.stop_begins()
         self._task = asyncio.create_task(self._until_at_rest(self._alarm), name="stop")
-        self._task.add_done_callback(lambda _: permit.stop_ends())
+        self._task.add_done_callback(lambda _: permission.stop_ends())
         return True
 
     async def outcome(self) -> str | None:

@@ -1,4 +1,4 @@
-"""Run jobs that use the arm, one at a time; stop the arm at any moment; grant and withdraw the motion permit.
+"""Run jobs that use the arm, one at a time; stop the arm at any moment; grant and withdraw the motion permission.
 
 Every stop has the same order: block new motion (set the fault); send the stop command until the controller reports the
 arm at rest; end the job; only then report. If a report fails, the stop still works.
@@ -14,7 +14,7 @@ from daemon.arm.guard import Limits
 from daemon.arm.hold import PauseAndStep
 from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import OPERATOR_COMMAND, JobEvent, RefusedError
-from daemon.arm.permit import Grant
+from daemon.arm.permission import Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import Workcell
@@ -40,9 +40,9 @@ class Supervisor:
     def __init__(
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[JobEvent], None]
     ) -> None:
-        self.permit = cell.robot.permit
+        self.permission = cell.robot.permission
         """Whether arm and gripper may move; only this class grants and withdraws it."""
-        self.hold = PauseAndStep(self.permit, interrupted)
+        self.hold = PauseAndStep(self.permission, interrupted)
         """Pause, step mode, and the move that waits for confirmation."""
         self.mover = Mover(cell, limits, arrival, self.hold.wait)
         self.fault_cause = BY_OPERATOR
@@ -63,7 +63,7 @@ class Supervisor:
         self.stops = 0
         """How often the arm was stopped or disabled: a request from before the last of these is void."""
         self._heard_before: int | None = None
-        """permit.heard when the query for rest began."""
+        """permission.heard when the query for rest began."""
         self._closed = False
         self._openings = self._alarmed_in = 0
         """How often the line was reconnected, and that number at the last alarm."""
@@ -74,45 +74,25 @@ class Supervisor:
         return self._task is not None
 
     @property
-    def stopping(self) -> bool:
-        """Whether a stop is under way: until the controller reports the arm at rest and the job has ended."""
-        return self.permit.stopping
-
-    @property
     def awaits_confirmation_s(self) -> float | None:
         """How long a stop that the controller has answered but not yet confirmed may take in all, s. None: there is no
         such stop."""
         return self._stopping.within_s if self._stopping.answered else None
 
     @property
-    def fault(self) -> str | None:
-        """The fault that is active until resume."""
-        return self.permit.fault
-
-    @property
-    def enabled(self) -> bool:
-        """Whether an operator permits motion and the stop is verified."""
-        return self.permit.enabled
-
-    @property
-    def by_hand_only(self) -> bool:
-        """Whether only motions that an operator types to the controller are permitted."""
-        return self.permit.by_hand_only
-
-    @property
     def rest_reports(self) -> int:
         """How often the controller has sent something since the query for rest began; 0 where none runs."""
-        return 0 if self._heard_before is None else self.permit.heard - self._heard_before
+        return 0 if self._heard_before is None else self.permission.heard - self._heard_before
 
     async def at_rest(self) -> bool:
         """Whether the controller reports the arm at rest, and no job or stop began meanwhile. Calls at the same time
         share one query: otherwise a key held down would keep the line busy for a minute."""
-        if self.busy or self.stopping:
+        if self.busy or self.permission.stopping:
             return False
         if self._rest_query is None or self._rest_query.done():
             self._rest_query = asyncio.ensure_future(self.mover.cell.robot.at_rest())
             self._rest_query.add_done_callback(lambda query: query.cancelled() or query.exception())
-        self._heard_before = self.permit.heard
+        self._heard_before = self.permission.heard
         try:
             async with asyncio.timeout(AT_REST_S):
                 rests = await asyncio.shield(self._rest_query)
@@ -121,28 +101,28 @@ class Supervisor:
             return False
         finally:
             self._heard_before = None
-        return rests and not (self.busy or self.stopping)
+        return rests and not (self.busy or self.permission.stopping)
 
     def status(self) -> dict[str, object]:
         """The state as JSON values. pending: the move, as text, that waits for confirm or refuse."""
         return {
             "doing": self._doing or None,
-            "fault": self.fault,
-            "stopping": self.stopping,
-            "enabled": self.enabled,
-            "by_hand_only": self.by_hand_only,
+            "fault": self.permission.fault,
+            "stopping": self.permission.stopping,
+            "enabled": self.permission.enabled,
+            "by_hand_only": self.permission.by_hand_only,
             "paused": self.hold.paused,
             "step": self.hold.stepping,
             "dry": self.mover.dry,
             "pending": None if self.hold.waiting is None else self.hold.waiting.text,
         }
 
-    # The motion permit.
+    # The motion permission.
 
     async def prove_stop(self) -> None:
         """Verify that the controller accepts the stop command, once each time the line was opened. Raises
         StopRefusedError."""
-        if not self.permit.stop_seen:
+        if not self.permission.stop_seen:
             await self.run("try the stop", self.mover.cell.robot.prove_stop(), moves=False)
 
     def enable(self, stops: int | None = None, grant: Grant = Grant.ALL) -> None:
@@ -152,21 +132,21 @@ class Supervisor:
             raise RefusedError("facetd is shutting down")
         self.refuse_while_stopping("enable")
         self.refuse_if_stopped_since(stops, "enable")
-        if not self.permit.stop_seen:
+        if not self.permission.stop_seen:
             raise RefusedError("the stop was not tested since the line was opened: type `enable` again")
-        self.permit.grant(grant)
+        self.permission.grant(grant)
 
     async def disable(self) -> str | None:
-        """Withdraw the motion permit; if the arm may be moving, stop it. Returns what `stop` returns."""
-        may_move = self.permit.granted or self.busy or self.stopping
-        self.permit.withdraw()
+        """Withdraw the motion permission; if the arm may be moving, stop it. Returns what `stop` returns."""
+        may_move = self.permission.granted or self.busy or self.permission.stopping
+        self.permission.withdraw()
         self.stops += 1
         return await self._halt(JobEvent.ABORT, "disabled", fault=None) if may_move else None
 
     def line_opened_anew(self) -> None:
-        """Withdraw the permit after a reconnection: another controller may be at the line now. An operator must enable
-        the arm again, which tests the stop."""
-        self.permit.withdraw()
+        """Withdraw the permission after a reconnection: another controller may be at the line now. An operator must
+        enable the arm again, which tests the stop."""
+        self.permission.withdraw()
         self.stops += 1
         self._openings += 1
         self.mover.beliefs.void(VoidingEvent.RECONNECTED)
@@ -175,9 +155,9 @@ class Supervisor:
         """Continue after a pause; clear a fault (the interrupted job does not continue). stops, pauses: their numbers
         when this was decided; a later stop or pause stays in force. Raises RefusedError."""
         self.refuse_if_stopped_since(stops, "resume")
-        if self.fault is not None:
+        if self.permission.fault is not None:
             self.refuse_while_stopping("resume", busy=self._task is not None)
-            self.permit.fault = None
+            self.permission.fault = None
             self.mover.beliefs.void(VoidingEvent.FAULT_CLEARED)
             self._notify(lambda: self._interrupted(JobEvent.RESUME))
         self.hold.end_pause(pauses)
@@ -195,7 +175,7 @@ class Supervisor:
     def refuse_unless_permitted(self, typed: bool = False) -> None:
         """Refuse a motion that is not permitted now. typed: whether an operator types it to the controller. Raises
         RefusedError with what to do."""
-        refusal = self.permit.refusal(typed)
+        refusal = self.permission.refusal(typed)
         if refusal is not None:
             raise RefusedError(refusal.text)
         if typed and self.mover.dry:
@@ -229,13 +209,13 @@ class Supervisor:
             return await asyncio.shield(task)
         except asyncio.CancelledError:
             if task.cancelled():
-                raise RefusedError(f"{doing}: {self.permit.why}") from None
+                raise RefusedError(f"{doing}: {self.permission.why}") from None
             raise
 
     async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]], ask: bool = False) -> T:
         """Run as a job what an operator types to the controller, where it may move arm or gripper.
 
-        The guard cannot check where it moves; permit, fault, pause, step mode and every stop work as for any move.
+        The guard cannot check where it moves; permission, fault, pause, step mode and every stop work as for any move.
         ask: it waits for confirmation as in step mode.
         """
 
@@ -276,8 +256,8 @@ class Supervisor:
 
     async def close(self) -> None:
         """Stop the arm if it may be moving, and end the job; nothing moves afterwards."""
-        may_move = self.permit.granted or self.busy or self.stopping
-        self.permit.withdraw()
+        may_move = self.permission.granted or self.busy or self.permission.stopping
+        self.permission.withdraw()
         self._closed = True
         if may_move:
             await self._halt(JobEvent.ABORT, "the daemon ends", fault=None)
@@ -288,23 +268,23 @@ class Supervisor:
 
     def latch(self, fault: str) -> None:
         """Make a fault active; nothing is sent to the arm."""
-        self.permit.fault = fault
+        self.permission.fault = fault
 
     async def stop_arm(
         self, event: JobEvent, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
     ) -> str | None:
         """Stop the arm, then report. fault: the fault to make active, if any. Returns what `stop` returns."""
         if fault is not None and not self._stopping.alarm:
-            self.latch(_on_top_of(self.fault, fault))
+            self.latch(_on_top_of(self.permission.fault, fault))
         if not self._stopping.alarm:
             self.fault_cause = cause
-        if not self.permit.stop_as_granted:
-            self.permit.withdraw()
+        if not self.permission.stop_as_granted:
+            self.permission.withdraw()
         self.ended_by = event
-        self.permit.why = why
+        self.permission.why = why
         self.mover.beliefs.void(VoidingEvent.STOPPED)
         self.stops += 1
-        if self._stopping.begin(self.fault or why):
+        if self._stopping.begin(self.permission.fault or why):
             self._reported.clear()
         # The next stop may cancel the caller; this stop is reported nevertheless.
         return await asyncio.shield(
@@ -318,7 +298,7 @@ class Supervisor:
         fault."""
         task = self._task
         self._ending += 1
-        self.permit.stop_begins()
+        self.permission.stop_begins()
         try:
             if task is not None:
                 task.cancel()
@@ -327,7 +307,7 @@ class Supervisor:
                 await asyncio.wait({task})
         finally:
             self._ending -= 1
-            self.permit.stop_ends()
+            self.permission.stop_ends()
         return alarm
 
     async def _report_outcome(self, event: JobEvent, fault: str | None, cause: FaultCause) -> str | None:
@@ -372,10 +352,12 @@ class Supervisor:
         except NotSentError:
             raise
         except Exception as error:
-            cause = cause_of(error)
+            cause, permission = cause_of(error), self.permission
             if self._ending:  # an error caused by ending the job is no fault
                 self._latch_others(error)
-            elif self.fault is None and (moves or (cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted)):
+            elif permission.fault is None and (
+                moves or (cause.code is CauseCode.OTHER_TERMINAL and permission.granted)
+            ):
                 text = f"{type(error).__name__}: {error}"
                 await self.stop_arm(JobEvent.ERROR, text, text, cause)
             raise
@@ -384,7 +366,7 @@ class Supervisor:
         """Make a fault active where an otherwise ignored error says that somebody else types on the line."""
         cause, text = cause_of(error), f"{type(error).__name__}: {error}"
         if cause.code is CauseCode.OTHER_TERMINAL:
-            self.latch(_on_top_of(self.fault, text))
+            self.latch(_on_top_of(self.permission.fault, text))
             self._report_fault(text, cause)
 
     def _done(self, task: asyncio.Task[Any]) -> None:
@@ -394,20 +376,20 @@ class Supervisor:
 
     def refuse_while_stopping(self, word: str, busy: bool = False) -> None:
         """Refuse a command (word) while a stop is under way. Raises RefusedError."""
-        if self.stopping or busy:
-            doubt = f" ({self.fault})" if self._stopping.alarm else ""
+        if self.permission.stopping or busy:
+            doubt = f" ({self.permission.fault})" if self._stopping.alarm else ""
             raise RefusedError(f"facetd is still stopping the arm{doubt}; type `{word}` again when it is at rest")
 
     def refuse_if_stopped_since(self, stops: int | None, word: str) -> None:
         """Refuse a command (word), or the answer to a question, that was given before the last stop or disable. stops:
         the number of stops then. Raises RefusedError."""
         if stops is not None and stops != self.stops:
-            why = f": {self.fault}" if self.fault else ""
+            why = f": {self.permission.fault}" if self.permission.fault else ""
             raise RefusedError(f"somebody stopped the arm meanwhile{why}; type `{word}` again")
 
     def _may_begin(self, moves: bool) -> None:
-        if self._task is not None or (moves and self.stopping):
-            raise RefusedError(f"busy: {self._doing or f'being stopped ({self.permit.why})'}")
+        if self._task is not None or (moves and self.permission.stopping):
+            raise RefusedError(f"busy: {self._doing or f'being stopped ({self.permission.why})'}")
         word, stops = OPERATOR_COMMAND.get() or ("", None)
         if moves:
             self.refuse_if_stopped_since(stops, word)

@@ -22,7 +22,7 @@ from daemon import frames
 from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.arm.robot import Kinematics
 from daemon.arrays import Array, Flags
 

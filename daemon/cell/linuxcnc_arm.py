@@ -21,7 +21,7 @@ from daemon import frames
 from daemon.arm import (
     Beliefs,
     HeldBackError,
-    MotionPermit,
+    MotionPermission,
     MoveCommand,
     Reading,
     StopRefusedError,
@@ -95,7 +95,7 @@ class LinuxcncArm:
                 ledger.sent(line.encode("latin-1", "replace"), clock())
                 return
             self.heard_s = heard_s = clock()
-            self.permit.heard += 1
+            self.permission.heard += 1
             ledger.heard("answer", line.encode("latin-1", "replace"), heard_s)
 
         self._settings, self._clock = settings, clock
@@ -103,7 +103,7 @@ class LinuxcncArm:
         self._signs, self._zeros_deg = np.array(settings.joint_signs), np.array(settings.joint_zeros_deg)
         self._stops = self._times_seen = 0
         self.kinematics = PumaArm(geometry)
-        self.permit, self.beliefs = MotionPermit(), beliefs
+        self.permission, self.beliefs = MotionPermission(), beliefs
         self.stopped_on_opening = False
 
     # The line.
@@ -133,7 +133,7 @@ class LinuxcncArm:
         await self.where()
 
     def _unsee_the_stop(self) -> None:
-        self.permit.stop_seen, self.permit.stop_took_s = 0, 0.0
+        self.permission.stop_seen, self.permission.stop_took_s = 0, 0.0
 
     @contextmanager
     def _as_cell_errors(self) -> Iterator[None]:
@@ -266,9 +266,9 @@ class LinuxcncArm:
     def _may_go_on(self, stops: int, begun: bool) -> None:
         """Called before a block is sent. Raises HeldBackError before the first, CellError before a later one of a move
         that was stopped."""
-        if self._stops != stops or self.permit.blocked:
+        if self._stops != stops or self.permission.blocked:
             raise CellError("the move was stopped")
-        if not begun and self.permit.withheld:
+        if not begun and self.permission.withheld:
             raise HeldBackError("held back before it was sent")
 
     async def _errors(self) -> str:
@@ -309,11 +309,11 @@ class LinuxcncArm:
     async def prove_stop(self) -> None:
         began_s = self._clock()
         await self.abort()
-        self.permit.stop_took_s = self._clock() - began_s
+        self.permission.stop_took_s = self._clock() - began_s
         with self._as_cell_errors():
             await self._take_over()
         self._times_seen += 1
-        self.permit.stop_seen = self._times_seen
+        self.permission.stop_seen = self._times_seen
 
     async def _halt(self) -> None:
         """Send the stop right after the line that is being sent, within a tenth of a second, then wait for rest. Raises
@@ -329,7 +329,7 @@ class LinuxcncArm:
                 if tries + 1 == ABORTS or not self._shell.connected:
                     self._unsee_the_stop()
                     raise StopRefusedError(str(error)) from error
-        self.permit.stop_answered += 1
+        self.permission.stop_answered += 1
         await self._at_rest_within(REST_S)
 
     def use_tool(self, flange_from_tool: Array) -> None:

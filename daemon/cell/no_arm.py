@@ -4,7 +4,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from daemon.arm import Beliefs, MotionPermit, Reading
+from daemon.arm import Beliefs, MotionPermission, Reading
 from daemon.arrays import Array
 from daemon.cell.puma_arm import PumaArm
 from daemon.errors import FacetdError
@@ -41,7 +41,7 @@ class NoArm:
 
     def __init__(self, beliefs: Beliefs, geometry: ArmGeometry) -> None:
         self.kinematics = NoReach(geometry)
-        self.permit = MotionPermit()
+        self.permission = MotionPermission()
         self.beliefs = beliefs
 
     async def _nothing(self) -> None:

@@ -11,7 +11,7 @@ from daemon.arm import (
     Beliefs,
     BeliefSource,
     HeldBackError,
-    MotionPermit,
+    MotionPermission,
     MoveCommand,
     Reading,
     StopRefusedError,
@@ -54,8 +54,8 @@ class Val2Arm:
 
     def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
         self.link = link
-        self.beliefs, self.permit = beliefs, MotionPermit()
-        link.permit = self.permit
+        self.beliefs, self.permission = beliefs, MotionPermission()
+        link.permission = self.permission
         self.heard_s: float | None = None
         """Time of the controller's last answer, on the cell's clock."""
         self.aside = False

@@ -68,7 +68,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
         for reply in replies:
             arm.check_typable(reply)
         if arm.asks_whether_to_move:
-            if not (supervisor.enabled or supervisor.by_hand_only):
+            if not (supervisor.permission.enabled or supervisor.permission.by_hand_only):
                 raise CommandError(NOT_OF_POWER_UP.format(question))
 
             async def answered() -> list[str]:

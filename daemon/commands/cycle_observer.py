@@ -49,7 +49,7 @@ class CycleObserver:
         report_moved(context)
         context.roll_if_due()
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
-        stopped = context.cycle.supervisor.stopping  # a person's stop: the one for the fault is done by now
+        stopped = context.cycle.supervisor.permission.stopping  # a person's stop: the one for the fault is done by now
         if end.ended_by is JobEvent.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
             self._start(self.continue_with_one_camera(), "one camera")
 
@@ -57,7 +57,7 @@ class CycleObserver:
         """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`
         would ask. Applies to the present fault only."""
         supervisor = self._context.cycle.supervisor
-        return self._continue(supervisor.stops, supervisor.fault)
+        return self._continue(supervisor.stops, supervisor.permission.fault)
 
     async def _continue(self, stops: int, fault: str | None) -> None:
         context, supervisor = self._context, self._context.cycle.supervisor
@@ -65,7 +65,7 @@ class CycleObserver:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: the operator decides
             left = None if fault is None else await camera_selection.remaining_camera(context, fault)
-            if left is None or context.cycle.belief.holds_part is None or not supervisor.enabled:
+            if left is None or context.cycle.belief.holds_part is None or not supervisor.permission.enabled:
                 return
             await context.look_with(*left)
             pick_order = context.cycle.pick_order

@@ -127,7 +127,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         held = await yes_or_no(frontend, "Is a part in the gripper? [y/n]")
         if held is not None:
             supervisor.refuse_if_stopped_since(stops, "resume")
-            if supervisor.fault is None or context.cycle.status()["holding"] is not None:
+            if supervisor.permission.fault is None or context.cycle.status()["holding"] is not None:
                 raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
             lines.append(_set_holding(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order

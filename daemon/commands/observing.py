@@ -62,7 +62,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     candidate = frontend.shown = model_store.candidate
     if candidate is not None:
         lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
-    if context.cycle.line.has_line:
+    if context.cycle.production_line.has_line:
         waits = "" if state["waits_for"] is None else f"; waits for {state['waits_for']}"
         lines.insert(-1, f"line      PackML state {state['packml']}{waits}")
     if context.config.values.grippers:

@@ -13,8 +13,8 @@ from daemon.errors import NOT_DONE
 from daemon.events.codes import BY_OPERATOR
 from daemon.events.outcomes import tally
 from daemon.signals.input_form import FORMS, form_found, keep_form
-from daemon.signals.line import keep_watch
 from daemon.signals.modbus import COILS, PLCReadings, readings
+from daemon.signals.production_line import keep_watch
 from daemon.signals.settings import VALVES
 
 USAGE = "signal show | read | find INPUT | test OUTPUT"
@@ -24,7 +24,7 @@ TEST_S = 2.0
 
 
 def _further(context: CommandContext, word: str) -> Sequence[str]:
-    return context.cycle.line.names(word == "find") if word in ("find", "test") else ()
+    return context.cycle.production_line.names(word == "find") if word in ("find", "test") else ()
 
 
 @command(USAGE, "move", most=2, looks=lambda words: not words or words[0] == "show", choices=ACTS, further=_further)
@@ -36,7 +36,7 @@ async def signal(context: CommandContext, words: list[str], frontend: Frontend) 
     signal find permit   find how inputs are read on this controller: you switch the input permit off, on, and off
     signal test busy     switch the output busy to its other state for 2 seconds
     """
-    if not context.cycle.line.has_line:
+    if not context.cycle.production_line.has_line:
         raise CommandError("this cell has no signals: write them into the section `signals` of facetd.yaml")
     act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
     return await HANDLERS[act](context, words[1:], frontend)
@@ -44,7 +44,7 @@ async def signal(context: CommandContext, words: list[str], frontend: Frontend) 
 
 async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 0, USAGE)
-    line, rows = context.cycle.line, []
+    line, rows = context.cycle.production_line, []
     for name, each in line.signals.items():
         kind = "input" if each.is_input else "output"
         level = line.levels.get(name)
@@ -63,14 +63,14 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
 def plc_readings(context: CommandContext) -> PLCReadings:
     """The values that a PLC reads."""
     cycle = context.cycle
-    counted, enabled = tally(cycle.tally), cycle.supervisor.permit.granted
+    counted, enabled = tally(cycle.tally), cycle.supervisor.permission.granted
     now_s = context.hardware.clock()
-    return readings(cycle.packml, cycle.line.done, enabled, now_s, counted.picked, counted.failed)
+    return readings(cycle.packml, cycle.production_line.done, enabled, now_s, counted.picked, counted.failed)
 
 
 def signal_levels(context: CommandContext) -> dict[str, Any]:
     """The level of each signal; None: unknown."""
-    line = context.cycle.line
+    line = context.cycle.production_line
     return {name: level.on if (level := line.levels.get(name)) else None for name in line.signals}
 
 
@@ -78,8 +78,8 @@ async def _read(context: CommandContext, words: list[str], frontend: Frontend) -
     no_more(words, 0, USAGE)
 
     async def every() -> None:
-        for name in context.cycle.line.names(inputs=True):
-            await context.cycle.line.read(name)
+        for name in context.cycle.production_line.names(inputs=True):
+            await context.cycle.production_line.read(name)
 
     await context.cycle.supervisor.run("read the inputs", every(), moves=False)
     return await _show(context, [], frontend)
@@ -87,10 +87,10 @@ async def _read(context: CommandContext, words: list[str], frontend: Frontend) -
 
 async def _find(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
-    name = one_of(words, 0, context.cycle.line.names(inputs=True), "input", USAGE)
+    name = one_of(words, 0, context.cycle.production_line.names(inputs=True), "input", USAGE)
     if not frontend.asks:
         raise CommandError("a person must switch the input: give this command at a console")
-    number = context.cycle.line.signals[name].number
+    number = context.cycle.production_line.signals[name].number
     printed: dict[str, list[str | None]] = {form: [] for form in FORMS}
     for level in ("off", "on", "off again"):
         where = "at the line" if context.hardware.operator is None else "by `switch` at a second console"
@@ -107,7 +107,7 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
         )
         raise CommandError(f"no answer followed input {number} (off / on / off): {answers}. Check number and wiring")
     keep_form(context.config.state, found)
-    context.cycle.line.form = found
+    context.cycle.production_line.form = found
     text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: stored."
     return CommandResult(text, {"form": found.form, "off": found.off, "on": found.on})
 
@@ -122,8 +122,8 @@ async def _answer_to(context: CommandContext, text: str) -> str | None:
 
 async def _test(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
-    line = context.cycle.line
-    name = one_of(words, 0, context.cycle.line.names(inputs=False), "output", USAGE)
+    line = context.cycle.production_line
+    name = one_of(words, 0, context.cycle.production_line.names(inputs=False), "output", USAGE)
     if line.signals[name].role in VALVES:
         raise CommandError(f"{name} works the gripper: `hand close` and `hand open` switch it")
     if frontend.asks and not await yes_or_no(frontend, f"Switch {name} for {TEST_S:g} s? The line acts on it. [y/n]"):
@@ -145,9 +145,9 @@ async def _test(context: CommandContext, words: list[str], frontend: Frontend) -
 async def serve_the_line(context: CommandContext) -> None:
     """Serve the line: set outputs by the cell's state, do the hand-shakes, clear faults as the line asks."""
     await keep_watch(
-        context.cycle.line,
+        context.cycle.production_line,
         lambda: context.cycle.packml,
-        lambda: context.hardware.robot.permit.stop_seen,
+        lambda: context.hardware.robot.permission.stop_seen,
         lambda: reset_by_line(context),
         lambda text: context.troubles.report("signals", text),
         ANSWERABLE,

@@ -84,11 +84,14 @@ async def clear(context: CommandContext, words: list[str], _: Frontend) -> Comma
     return CommandResult("The table is empty.")
 
 
-@command("switch SIGNAL on|off", most=2, choices=lambda context: context.cycle.line.names(inputs=True))
+@command("switch SIGNAL on|off", most=2, choices=lambda context: context.cycle.production_line.names(inputs=True))
 async def switch(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(simulated) switch an input of the line, as a person or a PLC would."""
-    name = one_of(words, 0, context.cycle.line.names(inputs=True), "input of facetd.yaml", switch.usage)
-    on, signal = one_of(words, 1, ("on", "off"), "word", switch.usage) == "on", context.cycle.line.signals[name]
+    name = one_of(words, 0, context.cycle.production_line.names(inputs=True), "input of facetd.yaml", switch.usage)
+    on, signal = (
+        one_of(words, 1, ("on", "off"), "word", switch.usage) == "on",
+        context.cycle.production_line.signals[name],
+    )
     _hand(context).cell.switch_input(signal.number, on is (signal.level == "high"))
     return CommandResult(f"{name} is {'on' if on else 'off'}.")
 

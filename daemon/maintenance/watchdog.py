@@ -107,7 +107,7 @@ class Watchdog:
     @property
     def _line_lost_in_a_stop(self) -> bool:
         """Whether a stop is under way whose line is lost: nothing can stop the arm until the line is open again."""
-        return self._context.cycle.supervisor.stopping and not self._context.hardware.robot.connected
+        return self._context.cycle.supervisor.permission.stopping and not self._context.hardware.robot.connected
 
     def _start(self, name: str, check: object, now: float, every_s: float) -> None:
         running = self._checks.get(name)
@@ -129,7 +129,7 @@ class Watchdog:
     async def _check_controller(self) -> None:
         context, robot = self._context, self._context.hardware.robot
         try:
-            if robot.aside or (context.cycle.supervisor.stopping and robot.connected):
+            if robot.aside or (context.cycle.supervisor.permission.stopping and robot.connected):
                 self._ended_s["controller"] = time.monotonic()
                 return
             if "controller" in context.troubles.active:
@@ -162,7 +162,7 @@ class Watchdog:
 
     async def _stop_enabled_arm(self, source: str, text: str, cause: FaultCause) -> None:
         supervisor = self._context.cycle.supervisor
-        if supervisor.permit.granted and supervisor.fault is None:
+        if supervisor.permission.granted and supervisor.permission.fault is None:
             await supervisor.fail(source, text, cause)
 
     async def _keep_quota(self) -> None:

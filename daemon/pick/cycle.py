@@ -47,8 +47,8 @@ from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import Handler, PickContext, WorldModel
-from daemon.signals.line import no_line
 from daemon.signals.packml import PackMLState, packml_state
+from daemon.signals.production_line import no_line
 
 HANDLERS: dict[PickState, Handler] = {
     PickState.SURVEY: find.survey,
@@ -67,7 +67,7 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.LOOK_AT_LAID: set_down.look_at_laid,
     PickState.HOME: take.home,
 }
-PERMITS: dict[PickState, str] = {
+LINE_PERMITS: dict[PickState, str] = {
     **dict.fromkeys(HANDLERS.keys() - {PickState.HOME}, "permit_pick"),
     **dict.fromkeys((PickState.BIN, PickState.SET_DOWN, PickState.LOOK_AT_PLACE), "permit_place"),
 }
@@ -106,7 +106,7 @@ class PickCycle:
         self.pick_order: PickOrder | None = None
         self.placing = PlaceTable()
         """Where parts belong; without places they go to the bin."""
-        self.line = no_line()
+        self.production_line = no_line()
         """The signals of the line; none unless the cell has some."""
         self.supervisor.mover.gate, self.supervisor.mover.work_gripper = self._gate, self._work_gripper
         self._world: WorldModel | None = None
@@ -134,7 +134,7 @@ class PickCycle:
             **self.supervisor.status(),
             "auto": self._auto,
             "packml": self.packml,
-            "waits_for": self.line.waits_for,
+            "waits_for": self.production_line.waits_for,
             "left": None if order is None else order.json(),
             "left_s": self._seconds_left(),
             "cycle": self._cycles,
@@ -163,8 +163,8 @@ class PickCycle:
 
     @property
     def packml(self) -> PackMLState:
-        at_work = self.supervisor.busy and self.supervisor.job_moves and not self.line.waits_to_begin
-        return packml_state(self.supervisor.status(), at_work, self.line.done)
+        at_work = self.supervisor.busy and self.supervisor.job_moves and not self.production_line.waits_to_begin
+        return packml_state(self.supervisor.status(), at_work, self.production_line.done)
 
     def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused). What may be in
@@ -199,7 +199,9 @@ class PickCycle:
     def begin_auto(self, pick_order: PickOrder = ALL) -> Coroutine[Any, Any, list[CycleEnd]]:
         """Start auto now, so that an auto_off() right after it ends it; return a coroutine that waits for its end."""
         self._may_pick()
-        if pick_order.on_signal and not (self.line.has("cycle_start") or self.line.has("part_present")):
+        if pick_order.on_signal and not (
+            self.production_line.has("cycle_start") or self.production_line.has("part_present")
+        ):
             raise RefusedError(
                 "the line has no signal to wait for: give an input of facetd.yaml the role cycle_start or part_present"
             )
@@ -343,8 +345,8 @@ class PickCycle:
         self._must_know_the_hand()
         if self.recogniser is None or not self.recogniser.labels:
             raise RefusedError("there is no model: teach and train first")
-        if self.line.unreadable is not None:
-            raise RefusedError(self.line.unreadable)
+        if self.production_line.unreadable is not None:
+            raise RefusedError(self.production_line.unreadable)
 
     def _must_move_the_cameras(self, command: str) -> None:
         """Raise RefusedError where a command needs looks from several sides, and the cameras are fixed."""
@@ -383,22 +385,28 @@ class PickCycle:
         """Hold a move: for a pause and step mode, then as long as the line does not permit it."""
         while True:
             await self.supervisor.hold.wait(text, seen, valid_s)
-            if not await self.line.permit(PERMITS.get(self.state)):
+            if not await self.production_line.wait_for_permit(LINE_PERMITS.get(self.state)):
                 return
             await seen()
 
     async def _work_gripper(self, closed: bool, hand_s: float) -> None:
         """Operate the gripper: by digital outputs if the mounted cup's valves are wired to them, else by the hand
         valves."""
-        if self.settings.gripper.by_vacuum and self.line.valves_at_outputs:
-            await self.line.work_cup(closed, hand_s)
+        if self.settings.gripper.by_vacuum and self.production_line.valves_at_outputs:
+            await self.production_line.work_cup(closed, hand_s)
         else:
             await self.supervisor.mover.by_hand_valves(closed, hand_s)
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover
         return PickContext(
-            cell, mover, recogniser, self.settings, self.observer, placing=self.placing, part_held=self.line.part_held
+            cell,
+            mover,
+            recogniser,
+            self.settings,
+            self.observer,
+            placing=self.placing,
+            part_held=self.production_line.part_held,
         )
 
     async def _look(self, purpose: str) -> Look:
@@ -567,11 +575,11 @@ class PickCycle:
 
     async def _report_to_line(self) -> bool:
         """Have the line know that a part was brought; false where its signals cannot be read."""
-        return await self._read_signals_or_stop(self.line.brought()) is not False
+        return await self._read_signals_or_stop(self.production_line.brought()) is not False
 
     async def _wait_for_request(self) -> bool:
         """Whether the line asks for a part, once it does; false where auto is to end."""
-        return bool(await self._read_signals_or_stop(self.line.wanted(lambda: self._auto)))
+        return bool(await self._read_signals_or_stop(self.production_line.wanted(lambda: self._auto)))
 
     async def _read_signals_or_stop(self, asked: Awaitable[bool | None]) -> bool | None:
         """Read the signals of the production line; if that fails, stop the arm with a fault and return False."""
@@ -598,9 +606,9 @@ class PickCycle:
         try:
             await self._run_states(context, world)
         except asyncio.CancelledError:
-            by = supervisor.ended_by if supervisor.fault and supervisor.ended_by else JobEvent.ABORT
-            code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
-            self._cut_short(world, by, supervisor.fault or "a person gave `abort`", code)
+            by = supervisor.ended_by if supervisor.permission.fault and supervisor.ended_by else JobEvent.ABORT
+            code = supervisor.fault_cause.code if supervisor.permission.fault else CauseCode.OPERATOR_ABORT
+            self._cut_short(world, by, supervisor.permission.fault or "a person gave `abort`", code)
         except OperatorRefusedError as error:
             self._cut_short(world, JobEvent.ABORT, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(JobEvent.ABORT, str(error), None)

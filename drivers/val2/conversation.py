@@ -41,7 +41,7 @@ TWICE = (
 )
 
 
-class LinePermit(Protocol):
+class SendPermission(Protocol):
     """Whether motion commands may be sent. The line shares this object with its owner: the line writes what concerns
     the stop, the owner everything else."""
 
@@ -60,7 +60,7 @@ class LinePermit(Protocol):
 
 
 class Unconditional:
-    """A permit that never withholds motion."""
+    """A permission that never withholds motion."""
 
     def __init__(self) -> None:
         self.stop_seen = self.stop_answered = self.heard = 0
@@ -99,12 +99,12 @@ class Conversation:
         reader: Reader,
         send: Callable[[bytes, bytes], None],
         clock: Callable[[], float],
-        permit: LinePermit,
+        permission: SendPermission,
         owed: PendingAnswers,
     ):
-        """send: takes bytes, and the part of them to write to the ledger; permit: checked before a line that moves is
-        ended; owed: takes note of lines that were not answered in time."""
-        self.dialect, self.clock, self._permit, self._owed = dialect, clock, permit, owed
+        """send: takes bytes, and the part of them to write to the ledger; permission: checked before a line that moves
+        is ended; owed: takes note of lines that were not answered in time."""
+        self.dialect, self.clock, self._permission, self._owed = dialect, clock, permission, owed
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
@@ -329,7 +329,7 @@ class Conversation:
             await self._hear_echo(text)
         elif body:
             await self._send_paced(body)
-        if moves and self._permit.withheld:
+        if moves and self._permission.withheld:
             raise LineHeldBack(f"{text!r} was held back")
         self._put(self.dialect.line_end)
         self._reader.line_ended(self.dialect.echo)

@@ -14,7 +14,7 @@ from typing import Any
 
 from drivers.ledger import Ledger
 from drivers.val2 import commands
-from drivers.val2.conversation import POISON, ControllerAnswer, Conversation, LinePermit, Unconditional
+from drivers.val2.conversation import POISON, ControllerAnswer, Conversation, SendPermission, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -107,11 +107,11 @@ class Link:
         self._follows_s = 0.0
         """How long the last announced move took to follow. On a slow computer, or where it was held, this is longer
         than a preamble sent ahead is valid."""
-        self.permit: LinePermit = Unconditional()
+        self.permission: SendPermission = Unconditional()
         """Checked at each try before a line that moves is ended; if motion is withheld, the line is cancelled."""
         self.disturbed: Callable[[], None] = nothing
         """Called when something is received that answers no line of facetd's, before anything else is typed, so that
-        the owner drops its beliefs about the cell. Motion is blocked through the permit: the stop is no longer
+        the owner drops its beliefs about the cell. Motion is blocked through the permission: the stop is no longer
         verified."""
         self.stopped_on_opening = False
         """Whether the arm was moving when the port was last opened, and was stopped."""
@@ -136,7 +136,7 @@ class Link:
             self._open_port,
             self._void_stop_proof,
             self._somebody_else_types,
-            self.permit,
+            self.permission,
         )
         self.stopped_on_opening = False
         try:
@@ -152,14 +152,14 @@ class Link:
 
     def _let_go(self) -> None:
         self._void_stop_proof()
-        self.permit.stop_took_s = 0.0
+        self.permission.stop_took_s = 0.0
         self.program_may_run, self._preamble = False, None
         if self._session is not None:
             self._session.close()
             self._session = None
 
     def _void_stop_proof(self) -> None:
-        self.permit.stop_seen = 0
+        self.permission.stop_seen = 0
 
     def _somebody_else_types(self) -> None:
         """Void the verification of the stop: somebody else may have started a program or a motion, or redefined the
@@ -169,8 +169,8 @@ class Link:
 
     @property
     def stop_seen(self) -> int:
-        """permit.stop_seen; 0: not verified that the controller accepts the stop command."""
-        return self.permit.stop_seen
+        """permission.stop_seen; 0: not verified that the controller accepts the stop command."""
+        return self.permission.stop_seen
 
     @property
     def connected(self) -> bool:
@@ -274,7 +274,7 @@ class Link:
         await self.ask_plainly(commands.signals(numbers))
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs that operate the gripper; needs the permit."""
+        """Switch digital outputs that operate the gripper; needs the permission."""
         await self.command(commands.signals(numbers), timeout_s=self.dialect.answer_s)
 
     async def ask_plainly(self, text: str) -> tuple[str, ...]:
@@ -341,7 +341,7 @@ class Link:
         ControllerError where the controller asks a question instead."""
         began_s = self.clock()
         await self.abort()
-        self.permit.stop_took_s = self.clock() - began_s
+        self.permission.stop_took_s = self.clock() - began_s
         if self.question is not None:
             raise unanswered(self.question)
 
@@ -616,7 +616,7 @@ class Link:
         self.program_may_run = False
         if not self.stop_seen:
             self._times_seen += 1
-            self.permit.stop_seen = self._times_seen
+            self.permission.stop_seen = self._times_seen
         return by_itself
 
 

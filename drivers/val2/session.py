@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 
 from drivers.ledger import Ledger
 from drivers.val2 import commands
-from drivers.val2.conversation import A_PROMPT, POISON, ControllerAnswer, Conversation, LinePermit
+from drivers.val2.conversation import A_PROMPT, POISON, ControllerAnswer, Conversation, SendPermission
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -50,12 +50,12 @@ class LineSession:
         open_port: OpenPort,
         switched_on: Callable[[], None],
         disturbed: Callable[[], None],
-        permit: LinePermit,
+        permission: SendPermission,
     ) -> None:
         """Open the port. Raises PortError. Needs a running event loop. switched_on: called when the controller asks a
-        power-up question, whoever has the turn; disturbed: called when somebody else's typing is detected; permit:
+        power-up question, whoever has the turn; disturbed: called when somebody else's typing is detected; permission:
         checked at each try before a line that moves is ended."""
-        self._permit = permit
+        self._permission = permission
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """The controller's open question."""
@@ -404,13 +404,13 @@ class LineSession:
             raise
 
     def _new_conversation(self) -> Conversation:
-        return Conversation(self.dialect, self._reader, self.send, self.clock, self._permit, self._owed)
+        return Conversation(self.dialect, self._reader, self.send, self.clock, self._permission, self._owed)
 
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()
         self.traffic += 1
-        self._permit.heard += 1
-        self._permit.stop_answered += self.stop_typed
+        self._permission.heard += 1
+        self._permission.stop_answered += self.stop_typed
         self.stop_typed = False
         if self._listener is not None:
             self._listener(data)

@@ -274,7 +274,7 @@ def test_a_stop_ends_a_move_and_nothing_goes_on_behind_it(port: int, straight: b
         sent = len(cell.sent())
         assert await cell.robot.at_rest()
         assert not any("mdi" in line for line in cell.sent()[sent:])
-        assert cell.supervisor.fault is not None
+        assert cell.supervisor.permission.fault is not None
         await cell.supervisor.rested()
         cell.supervisor.resume()
         await cell.enable()
@@ -302,7 +302,7 @@ def test_an_arm_that_others_moved_or_that_their_screen_has_is_not_sent_on(port: 
         with pytest.raises(CellError, match="somebody uses it at its own screen"):
             await cell.go(start.world_from_tool, straight=False)
         assert cell.robot.beliefs.now.holds_part is None
-        assert not cell.supervisor.enabled
+        assert not cell.supervisor.permission.enabled
         await cell.supervisor.rested()
         cell.supervisor.resume()
         await cell.enable()
@@ -312,7 +312,7 @@ def test_an_arm_that_others_moved_or_that_their_screen_has_is_not_sent_on(port: 
         other.say("enable EMCTOO")
         with pytest.raises(CellError, match="another connection took its remote shell over"):
             await cell.go(shifted(start.world_from_tool, (0.0, 40.0, 0.0)), straight=True)
-        assert not cell.supervisor.enabled
+        assert not cell.supervisor.permission.enabled
         other.close()
 
     lived(port, story)
@@ -325,7 +325,7 @@ def test_a_machine_that_is_switched_off_and_a_shell_that_is_gone_are_told_with_w
         await at_its_screen("c.state(linuxcnc.STATE_OFF)", "c.wait_complete(10)")
         with pytest.raises(CellError, match="switch the machine on"):
             await cell.go(shifted(start, (0.0, 30.0, 0.0)), straight=True)
-        assert not cell.supervisor.enabled
+        assert not cell.supervisor.permission.enabled
         await cell.supervisor.rested()
         cell.supervisor.resume()
         await at_its_screen("c.state(linuxcnc.STATE_ON)", "c.wait_complete(10)")
@@ -336,6 +336,6 @@ def test_a_machine_that_is_switched_off_and_a_shell_that_is_gone_are_told_with_w
         with pytest.raises(CellError, match="remote shell at"):
             await until_it_is_gone(cell)
         assert not cell.robot.connected
-        assert not cell.supervisor.enabled
+        assert not cell.supervisor.permission.enabled
 
     lived(port, story)

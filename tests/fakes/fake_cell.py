@@ -17,7 +17,7 @@ from daemon import frames
 from daemon.arm.belief import Beliefs, Reading
 from daemon.arm.motion import Mover
 from daemon.arm.mounting import InWorld, OnHand
-from daemon.arm.permit import Grant, MotionPermit
+from daemon.arm.permission import Grant, MotionPermission
 from daemon.arm.workcell import Workcell
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
@@ -140,8 +140,8 @@ class FakeRobot:
     def __init__(self, world: World) -> None:
         self.world = world
         self.beliefs = Beliefs(lambda: world.now_s, world.record)
-        self.permit = MotionPermit()
-        self.permit.stop_seen = 1
+        self.permission = MotionPermission()
+        self.permission.stop_seen = 1
         self._before: np.ndarray | None = None
 
     def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
@@ -196,7 +196,7 @@ class FakeRobot:
 
     async def prove_stop(self) -> None:
         self.world.before("prove")
-        self.permit.stop_seen = self.permit.stop_seen or 2
+        self.permission.stop_seen = self.permission.stop_seen or 2
 
     async def abort(self) -> None:
         self.world.wire.append(("abort", None))
@@ -352,8 +352,8 @@ def build(world: World) -> Workcell:
 
 
 def permitted(mover: Mover) -> Mover:
-    """A motion permit that permits motion."""
-    mover.permit.grant(Grant.ALL)
+    """A motion permission that permits motion."""
+    mover.permission.grant(Grant.ALL)
     return mover
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from daemon.arm.belief import Belief, BeliefSource, CellBelief
 from daemon.arm.hold import Waiting
 from daemon.arm.operators import RefusedError
-from daemon.arm.permit import Grant
+from daemon.arm.permission import Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.events.pick_order import PickOrder
@@ -25,8 +25,8 @@ from daemon.pick.place_goals import PlaceTable
 from daemon.pick.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
-from daemon.signals.line import ProductionLine, no_line
 from daemon.signals.packml import PackMLState
+from daemon.signals.production_line import ProductionLine, no_line
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
 
@@ -60,7 +60,7 @@ class FakeCycle:
     located: Any = None
     errs: tuple[float, float] = (0.3, 0.1)
     plans: Sequence[SidePlan] = ()
-    line: ProductionLine = field(default_factory=no_line)
+    production_line: ProductionLine = field(default_factory=no_line)
     packml: PackMLState = PackMLState.IDLE
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
@@ -72,6 +72,11 @@ class FakeCycle:
     @property
     def supervisor(self) -> FakeCycle:
         """The supervisor: this fake itself."""
+        return self
+
+    @property
+    def permission(self) -> FakeCycle:
+        """The motion permission: this fake itself."""
         return self
 
     @property
@@ -90,7 +95,7 @@ class FakeCycle:
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
             "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,
-            "skipped": self.skipped, "last": None, "packml": self.packml, "waits_for": self.line.waits_for,
+            "skipped": self.skipped, "last": None, "packml": self.packml, "waits_for": self.production_line.waits_for,
         }  # fmt: skip
 
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:

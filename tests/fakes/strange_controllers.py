@@ -140,16 +140,16 @@ async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
     turned[0] += np.radians(60.0)
     controller.machine.drive_by_pendant(turned)
     await asyncio.sleep(0.5)
-    before, tried_s, asked_s = link.permit.stop_answered, link.permit.stop_took_s, loop.time()
+    before, tried_s, asked_s = link.permission.stop_answered, link.permission.stop_took_s, loop.time()
     stop = asyncio.create_task(link.abort())
-    while link.permit.stop_answered == before:
+    while link.permission.stop_answered == before:
         await asyncio.sleep(0.005)
     answered_s = loop.time() - asked_s
     await stop
     confirmed_s = loop.time() - asked_s
     assert controller.machine.at_rest()
     await link.close()
-    assert link.permit.stop_took_s == 0, "behind another line there may be another controller"
+    assert link.permission.stop_took_s == 0, "behind another line there may be another controller"
     line.stop()
     return StopTimes(answered_s, confirmed_s, tried_s)
 

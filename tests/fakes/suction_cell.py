@@ -13,7 +13,7 @@ import yaml
 
 from daemon.pick.outcome import CycleEnd
 from daemon.signals.input_form import InputForm
-from daemon.signals.line import ProductionLine
+from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from daemon.store import folders
 from daemon.teaching.solid_from_mesh import Drawing
@@ -64,7 +64,7 @@ async def suction_rig(
         if sensor or valves:
             form = InputForm("LISTR SIG({number})", "0", "-1")
             cycle, log = here.cycle, here.log
-            cycle.line = ProductionLine(
+            cycle.production_line = ProductionLine(
                 {**(SWITCH if sensor else {}), **valves}, here.robot, form, cycle.cell.clock, log.record
             )
         yield here

@@ -768,9 +768,8 @@ class Story:
 
     def _may_move(self) -> bool:
         context = self._service.context
-        return (
-            context is not None and context.cycle.supervisor.permit.granted and context.cycle.supervisor.fault is None
-        )
+        permission = context and context.cycle.supervisor.permission
+        return permission is not None and permission.granted and permission.fault is None
 
     def hang(self, seconds: float) -> None:
         """Stall the computer for a while."""

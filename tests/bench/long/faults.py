@@ -141,7 +141,7 @@ async def mend(here: Rig) -> None:
 async def _stopped(here: Rig) -> None:
     """A stop that was not confirmed goes on until it is; a dead controller never confirms it."""
     for _ in range(200):
-        if not here.cycle.supervisor.stopping:
+        if not here.cycle.supervisor.permission.stopping:
             return
         await asyncio.sleep(0.05)
 
@@ -214,7 +214,7 @@ async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
     """Mend, resume, answer for the gripper, pick a fresh part."""
     try:
         await mend(here)
-        if here.cycle.supervisor.fault is not None:
+        if here.cycle.supervisor.permission.fault is not None:
             here.cycle.supervisor.resume()
         if here.cycle.belief.holds_part is None:
             here.cycle.holding(here.lies(label) == "hand")

@@ -9,7 +9,7 @@ import pytest
 from daemon import frames
 from daemon.arm.hold import PauseAndStep
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from tests.fakes.fake_cell import HEAD_DOWN, World
 from tests.fakes.in_time import lived
 from tests.unit.arm.test_motion import NEAR, mover_in
@@ -66,14 +66,14 @@ def test_while_a_move_waits_for_the_end_of_a_pause_nothing_may_be_sent():
     """Also what asks only the permit, as the controller's line does before its last byte."""
 
     async def story() -> None:
-        permit = MotionPermit()
-        hold = PauseAndStep(permit, lambda _: None)
+        permission = MotionPermission()
+        hold = PauseAndStep(permission, lambda _: None)
         hold.pause("ann")
         waits = asyncio.ensure_future(hold.wait("a move"))
         await asyncio.sleep(1.0)
-        assert permit.held
+        assert permission.held
         hold.end_pause()
         await waits
-        assert not permit.held
+        assert not permission.held
 
     lived(story())

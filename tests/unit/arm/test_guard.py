@@ -16,7 +16,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
-from daemon.arm.permit import Grant, Refusal
+from daemon.arm.permission import Grant, Refusal
 from daemon.config import load_config
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
@@ -110,11 +110,11 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(on=st.sampled_from([True, True, True, False]))
     def enable(self, on):
-        self.mover.permit.grant(Grant.ALL if on else Grant.NOTHING)
+        self.mover.permission.grant(Grant.ALL if on else Grant.NOTHING)
 
     @rule(fault=st.sampled_from([None, None, None, "stopped"]))
     def fault(self, fault):
-        self.mover.permit.fault = fault
+        self.mover.permission.fault = fault
 
     @rule()
     def look(self):
@@ -155,7 +155,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def go_to(self, pose, speed, from_look):
         before = self.mover.belief.at
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
-        state = (self.mover.permit.enabled, self.mover.permit.blocked, self.world.now_s)
+        state = (self.mover.permission.enabled, self.mover.permission.blocked, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
         except MoveRefusedError:
@@ -208,7 +208,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(closed=st.booleans())
     def hand(self, closed):
-        may = self.mover.permit.enabled and not self.mover.permit.blocked
+        may = self.mover.permission.enabled and not self.mover.permission.blocked
         sent = len(self.world.wire)
         try:
             self.loop.run_until_complete(self.mover.hand(closed))

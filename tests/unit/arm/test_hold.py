@@ -11,7 +11,7 @@ import pytest
 from daemon.arm.hold import PauseAndStep, Waiting
 from daemon.arm.motion import UnansweredError
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from tests.fakes.in_time import lived
 
 
@@ -38,7 +38,7 @@ def waits(hold: PauseAndStep, ask: bool, then: Callable[[asyncio.Task[None]], ob
 def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
     said: list[JobEvent] = []
     for then, becomes in ((lambda _: None, "waits"), (lambda hold: hold.end_pause(), "goes")):
-        hold = PauseAndStep(MotionPermit(), said.append)
+        hold = PauseAndStep(MotionPermission(), said.append)
         hold.pause()
         assert waits(hold, False, lambda _, hold=hold, then=then: then(hold)) == becomes
     assert said == [JobEvent.PAUSE, JobEvent.PAUSE, JobEvent.RESUME]
@@ -49,7 +49,7 @@ def test_how_long_ago_moves_were_held_is_known_and_endless_where_they_never_were
 ) -> None:
     now_s = 50.0
     monkeypatch.setattr("daemon.arm.hold.time.monotonic", lambda: now_s)
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     assert hold.paused_s == inf
     hold.pause("anna")
     now_s = 53.0
@@ -57,7 +57,7 @@ def test_how_long_ago_moves_were_held_is_known_and_endless_where_they_never_were
 
 
 def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     hold.pause()
     decided = hold.pauses
     hold.pause()
@@ -69,7 +69,7 @@ def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
 
 @pytest.mark.parametrize("ask", [False, True])
 def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     hold.step(not ask)
     assert waits(hold, ask, lambda _: None) == "waits"
     assert waits(hold, ask, lambda _: hold.confirm()) == "goes"
@@ -78,7 +78,7 @@ def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None
 
 
 def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     hold.step(True)
 
     def paused_before_the_yes(_: object) -> None:
@@ -89,7 +89,7 @@ def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
 
 
 def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     with pytest.raises(RefusedError, match="no move is waiting"):
         hold.confirm()
     hold.step(True)
@@ -118,20 +118,20 @@ def test_a_move_has_expired_only_where_nobody_answered_in_time_and_nobody_took_i
 
 
 def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold._permit.held
+    assert not hold._permission.held
     for said in (hold.pause, lambda: hold.step(True)):
         said()
-        assert hold._permit.held
+        assert hold._permission.held
     hold.end_pause()
     hold.step(False)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold._permit.held
+    assert not hold._permission.held
 
 
 def test_a_yes_counts_while_the_look_is_valid_and_nobodys_silence_is_none() -> None:
-    hold = PauseAndStep(MotionPermit(), lambda _: None)
+    hold = PauseAndStep(MotionPermission(), lambda _: None)
     hold.step(True)
 
     async def story(answer: Callable[[], None]) -> tuple[str, bool]:

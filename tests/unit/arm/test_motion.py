@@ -92,11 +92,11 @@ def mover_in(world: World, gate=None, **limits) -> Mover:
 
 
 def disable(mover: Mover, world: World) -> None:
-    mover.permit.withdraw()
+    mover.permission.withdraw()
 
 
 def stop(mover: Mover, world: World) -> None:
-    mover.permit.fault = "stopped"
+    mover.permission.fault = "stopped"
 
 
 def lose(mover: Mover, world: World) -> None:
@@ -133,7 +133,7 @@ def test_a_move_that_is_refused_before_is_not_held_back_first():
         asked.append(told)
 
     mover = mover_in(world, gate)
-    mover.permit.withdraw()
+    mover.permission.withdraw()
     with pytest.raises(MoveRefusedError):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not asked

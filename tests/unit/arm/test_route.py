@@ -13,7 +13,7 @@ from daemon.arm.belief import Beliefs, BeliefSource, Reading
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
-from daemon.arm.permit import MotionPermit, Refusal
+from daemon.arm.permission import MotionPermission, Refusal
 from daemon.arm.route import plan_path
 from daemon.arm.workcell import Workcell
 from daemon.pick.two_fingers import tool_rotation
@@ -150,8 +150,8 @@ class Jumping:
     def __init__(self, at):
         self.at, self.sent = at, []
         self.kinematics, self.beliefs = ROBOT, Beliefs(lambda: 0.0, Log().record)
-        self.permit = MotionPermit()
-        self.permit.stop_seen = 1
+        self.permission = MotionPermission()
+        self.permission.stop_seen = 1
 
     async def rest(self):
         return self.at

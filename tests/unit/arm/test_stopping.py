@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import Stopping
 from tests.fakes.in_time import lived
@@ -20,7 +20,7 @@ class Arm:
 
     def __init__(self, *answers: Exception | None) -> None:
         self.answers, self.told = iter(answers), 0
-        self.permit = MotionPermit()
+        self.permission = MotionPermission()
         self._last: Exception | None = None
 
     async def abort(self) -> None:
@@ -43,10 +43,10 @@ def stopped(arm: Any, said: list[str | None]) -> tuple[str | None, bool]:
         stopping = Stopping(lambda: arm, said.append)
         assert stopping.begin("jog")
         assert not stopping.begin("jog"), "who comes later joins in"
-        assert arm.permit.stopping
+        assert arm.permission.stopping
         outcome = await stopping.outcome()
         over = not stopping.under_way
-        assert arm.permit.stopping is not over, "nothing is permitted to move until it is over"
+        assert arm.permission.stopping is not over, "nothing is permitted to move until it is over"
         assert stopping.alarm is (outcome is not None and not over)
         if not over and arm.told < 2:
             arm.answers = iter([None])
@@ -93,13 +93,13 @@ def test_where_the_stop_took_long_as_it_was_tried_the_alarm_waits_for_two_of_it_
 
     async def story() -> tuple[float, list[str | None]]:
         arm, said = Arm(OSError("no prompt")), list[str | None]()
-        arm.permit.stop_took_s, arm.permit.stop_answered = 0.4, 3
+        arm.permission.stop_took_s, arm.permission.stop_answered = 0.4, 3
         loop = asyncio.get_running_loop()
         stopping = Stopping(lambda: arm, said.append)
         began_s = loop.time()
         stopping.begin("jog")
         assert not stopping.answered, "what was heard before was no answer to this stop"
-        arm.permit.stop_answered += answers
+        arm.permission.stop_answered += answers
         assert stopping.answered is answers
         await stopping.outcome()
         took_s = loop.time() - began_s

@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, operator_command
-from daemon.arm.permit import Grant
+from daemon.arm.permission import Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
@@ -79,7 +79,7 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
     world, supervisor, heard = supervised()
     error = lived(interrupted(world, supervisor, lambda: act(supervisor)))
     assert isinstance(error, RefusedError)
-    assert supervisor.fault == fault
+    assert supervisor.permission.fault == fault
     assert world.wire[-1][0] == "abort"
     assert heard == [(what, len(world.wire))]
     assert not supervisor.busy
@@ -94,7 +94,7 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
 
     def hook(name: str) -> None:
         if name == "abort":
-            standing.append((supervisor.fault, supervisor.mover.belief.at, len(world.said("fault"))))
+            standing.append((supervisor.permission.fault, supervisor.mover.belief.at, len(world.said("fault"))))
 
     world.before = hook
     lived(act(supervisor))
@@ -137,7 +137,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
 
         with pytest.raises(OSError, match="cable"):
             lived(supervisor.run("work", broken(), moves))
-        assert (supervisor.fault == "OSError: the cable came out") is moves
+        assert (supervisor.permission.fault == "OSError: the cable came out") is moves
         assert [name for name, _ in world.wire] == ["abort"] * moves
         assert [what for what, _ in heard] == [JobEvent.ERROR] * moves
 
@@ -146,7 +146,7 @@ def test_a_refusal_in_a_job_is_no_fault():
     world, supervisor, heard = supervised(enabled=False)
     with pytest.raises(MoveRefusedError):
         lived(supervisor.run("travel", travelling(supervisor)))
-    assert (supervisor.fault, world.wire, heard) == (None, [], [])
+    assert (supervisor.permission.fault, world.wire, heard) == (None, [], [])
 
 
 def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_stop():
@@ -158,7 +158,7 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
 
     world.before = dead
     lived(supervisor.abort())
-    assert "press the emergency stop" in supervisor.fault
+    assert "press the emergency stop" in supervisor.permission.fault
     assert [what for what, _ in heard] == [JobEvent.ERROR]
 
 
@@ -246,7 +246,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
             await task
 
     lived(story())
-    assert (world.wire, supervisor.fault) == ([], None)
+    assert (world.wire, supervisor.permission.fault) == ([], None)
 
 
 def test_neither_step_on_nor_step_off_is_a_yes_to_the_move_that_waits():
@@ -336,14 +336,14 @@ def test_others_on_the_line_of_an_arm_that_may_move_are_a_fault_whoever_hears_of
     """`where` alone was told of them, and the arm was disabled without a word to anybody else."""
     _, supervisor, _ = supervised()
     if not enabled:
-        supervisor.permit.withdraw()
+        supervisor.permission.withdraw()
 
     async def where() -> None:
         raise error("typed")
 
     with pytest.raises(FacetdError, match="typed"):
         lived(supervisor.run("where", where(), moves=False))
-    assert (supervisor.fault is not None) is faults
+    assert (supervisor.permission.fault is not None) is faults
 
 
 def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard_of_them():
@@ -355,7 +355,7 @@ def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard
 
     supervisor.mover.cell.robot.at_rest = at_rest
     assert not lived(supervisor.at_rest())
-    assert supervisor.fault == "OthersTypeError: typed"
+    assert supervisor.permission.fault == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
 
@@ -376,7 +376,7 @@ def test_others_are_a_fault_though_what_heard_of_them_was_being_stopped():
             await job
 
     lived(story())
-    assert supervisor.fault == "OthersTypeError: typed"
+    assert supervisor.permission.fault == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
 
@@ -387,7 +387,7 @@ def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_go
     decided = supervisor.hold.pauses
     supervisor.hold.pause()
     supervisor.resume(None, decided)
-    assert (supervisor.fault, supervisor.hold.paused) == (None, True)
+    assert (supervisor.permission.fault, supervisor.hold.paused) == (None, True)
     supervisor.resume(None, supervisor.hold.pauses)
     assert not supervisor.hold.paused
 
@@ -439,7 +439,7 @@ def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_i
 
     lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
-    assert supervisor.fault == fault
+    assert supervisor.permission.fault == fault
 
 
 def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move_and_asked_for_again_after():
@@ -454,7 +454,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
-        supervisor.mover.cell.robot.permit.stop_seen = 0  # the line was opened anew
+        supervisor.mover.cell.robot.permission.stop_seen = 0  # the line was opened anew
         supervisor.hold.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
@@ -472,7 +472,7 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
     with pytest.raises(OSError, match="Envelope"):
         lived(supervisor.by_hand("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
-    assert "Envelope" in str(supervisor.fault)
+    assert "Envelope" in str(supervisor.permission.fault)
 
 
 @pytest.mark.parametrize("way", ["stop", "conversation", "motion"])
@@ -588,7 +588,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
         for word in (supervisor.resume, supervisor.enable):
             with pytest.raises(RefusedError, match="still stopping the arm"):
                 word()
-        assert supervisor.fault == "stopped by ann"
+        assert supervisor.permission.fault == "stopped by ann"
         assert not stopping.done()
         answered.set()
         await stopping
@@ -597,7 +597,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
             assert isinstance(job.exception(), RefusedError)
 
     lived(story())
-    assert supervisor.fault == "stopped by ann"
+    assert supervisor.permission.fault == "stopped by ann"
     supervisor.resume()
 
 
@@ -624,7 +624,7 @@ def test_an_enable_that_races_a_disable_ends_disabled():
     supervisor.mover.cell.robot.abort = slow_abort
     lived(interrupted(world, supervisor, race))
     assert refused
-    assert not supervisor.enabled
+    assert not supervisor.permission.enabled
 
 
 def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands():
@@ -634,7 +634,7 @@ def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands()
     lived(supervisor.stop("by ann"))
     with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile"):
         supervisor.resume(seen)
-    assert supervisor.fault == "stopped by ann"
+    assert supervisor.permission.fault == "stopped by ann"
 
 
 class Unheard(Heard):
@@ -680,18 +680,20 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
         assert "stopped by ann; NOT CONFIRMED: " in alarm
         assert str(error) in alarm
         assert "press the emergency stop" in alarm
-        assert supervisor.stopping
-        assert "press the emergency stop" in str(supervisor.fault)
+        assert supervisor.permission.stopping
+        assert "press the emergency stop" in str(supervisor.permission.fault)
         for word in (supervisor.resume, supervisor.enable):
             with pytest.raises(RefusedError, match="press the emergency stop"):
                 word()
         again = await supervisor.stop("by bob")
         assert again is not None
-        await until_so(lambda: not supervisor.stopping)
-        assert "press the emergency stop" in str(supervisor.fault), "it stands until resume"
+        await until_so(lambda: not supervisor.permission.stopping)
+        assert "press the emergency stop" in str(supervisor.permission.fault), "it stands until resume"
         supervisor.resume()
         assert await supervisor.stop("by cat") is None
-        assert supervisor.fault == "stopped by cat", "an alarm that is over keeps no later fault from standing"
+        assert supervisor.permission.fault == "stopped by cat", (
+            "an alarm that is over keeps no later fault from standing"
+        )
         supervisor.resume()
 
     lived(story())
@@ -748,7 +750,7 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
             await supervisor.run("travel", travelling(supervisor))
         answered.set()
         assert await stopping is None
-        assert supervisor.fault is None
+        assert supervisor.permission.fault is None
         await supervisor.mover.rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
 
@@ -768,7 +770,7 @@ def test_a_stop_is_a_stop_though_everybody_who_is_told_of_it_fails(act, fault, w
 
     assert isinstance(lived(interrupted(world, supervisor, unheard)), RefusedError)
     assert world.wire[-1][0] == "abort"
-    assert supervisor.fault == fault
+    assert supervisor.permission.fault == fault
 
 
 @pytest.mark.parametrize("voids", ["stop", "disable", "abort"])
@@ -780,9 +782,9 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
         await getattr(supervisor, voids)()
         with pytest.raises(RefusedError, match="type `enable` again"):
             supervisor.enable(asked)
-        assert not supervisor.enabled
+        assert not supervisor.permission.enabled
         supervisor.enable(supervisor.stops)
-        assert supervisor.enabled
+        assert supervisor.permission.enabled
 
     lived(story())
 
@@ -790,7 +792,7 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
 def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
     world, supervisor, _ = supervised(enabled=False)
     robot = supervisor.mover.cell.robot
-    robot.permit.stop_seen = 0
+    robot.permission.stop_seen = 0
 
     async def story() -> None:
         with pytest.raises(RefusedError, match="the stop was not tested"):
@@ -799,7 +801,7 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
         supervisor.enable()
         await supervisor.mover.rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
-        robot.permit.stop_seen = 0  # as after the line was opened anew
+        robot.permission.stop_seen = 0  # as after the line was opened anew
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(MoveCommand(HEAD_DOWN, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="`enable`"):
@@ -816,12 +818,12 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
         await supervisor.mover.rest()
         asked = supervisor.stops
         supervisor.line_opened_anew()
-        assert (supervisor.enabled, supervisor.mover.belief.at) == (False, None)
+        assert (supervisor.permission.enabled, supervisor.mover.belief.at) == (False, None)
         with pytest.raises(RefusedError, match="type `enable` again"):
             supervisor.enable(asked)
         await supervisor.stop()
         supervisor.resume()
-        assert not supervisor.enabled
+        assert not supervisor.permission.enabled
 
     lived(story())
 
@@ -829,15 +831,15 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
 def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
     world, supervisor, _ = supervised()
     robot = supervisor.mover.cell.robot
-    robot.permit.stop_seen = 0  # the controller was switched off and on
+    robot.permission.stop_seen = 0  # the controller was switched off and on
 
     def hook(_: str) -> None:
-        robot.permit.stop_seen = 2
+        robot.permission.stop_seen = 2
 
     world.before = hook
     lived(supervisor.stop())
     supervisor.resume()
-    assert not supervisor.enabled
+    assert not supervisor.permission.enabled
 
 
 def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
@@ -858,7 +860,7 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
 
     lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
-    assert not supervisor.by_hand_only
+    assert not supervisor.permission.by_hand_only
 
 
 def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
@@ -914,11 +916,11 @@ def test_what_the_controller_says_counts_as_long_as_it_is_asked_whether_the_arm_
     async def slow() -> bool:
         for _ in range(3):
             counted.append(supervisor.rest_reports)
-            supervisor.permit.heard += 1
+            supervisor.permission.heard += 1
         return True
 
     async def story() -> None:
-        supervisor.permit.heard = 40
+        supervisor.permission.heard = 40
         assert supervisor.rest_reports == 0
         supervisor.mover.cell.robot.at_rest = slow
         assert await supervisor.at_rest()
@@ -947,7 +949,7 @@ def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
         await until_so(lambda: supervisor.busy)
         assert not await supervisor.at_rest()
         stopping = asyncio.create_task(supervisor.stop())
-        await until_so(lambda: supervisor.stopping)
+        await until_so(lambda: supervisor.permission.stopping)
         assert not await supervisor.at_rest()
         await stopping
         with pytest.raises(RefusedError):
@@ -1047,17 +1049,17 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
         tried.append(True)
         raise StopRefusedError("the controller does not take the word HALT")
 
-    robot.permit.stop_seen, robot.prove_stop = 0, prove_stop
+    robot.permission.stop_seen, robot.prove_stop = 0, prove_stop
 
     async def story() -> None:
         with pytest.raises(StopRefusedError, match="HALT"):
             await supervisor.prove_stop()
-        robot.permit.stop_seen = 2
+        robot.permission.stop_seen = 2
         await supervisor.prove_stop()
 
     lived(story())
     assert len(tried) == 1
-    assert (supervisor.fault, world.wire, list(heard)) == (None, [], [])
+    assert (supervisor.permission.fault, world.wire, list(heard)) == (None, [], [])
 
 
 def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
@@ -1069,7 +1071,7 @@ def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
 
     with pytest.raises(OSError, match="cable"):
         lived(supervisor.run("work", broken()))
-    assert supervisor.fault == "cameras: no pair"
+    assert supervisor.permission.fault == "cameras: no pair"
     assert (world.wire, world.said("fault")) == ([], [])
 
 
@@ -1092,7 +1094,7 @@ def test_the_end_waits_for_rest_beyond_the_alarm(soon):
 
     async def story() -> None:
         await supervisor.close()
-        assert supervisor.stopping
+        assert supervisor.permission.stopping
         await supervisor.rested()
 
     lived(story())
@@ -1107,7 +1109,7 @@ def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_
         supervisor.enable(grant=let)
     lived(supervisor.disable())
     assert [name for name, _ in world.wire] == ([] if let is None else ["abort"])
-    assert not supervisor.enabled
+    assert not supervisor.permission.enabled
 
 
 def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
@@ -1266,7 +1268,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
         await supervisor.rested()
 
     lived(story())
-    assert supervisor.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
+    assert supervisor.permission.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
     assert {fault["code"] for fault in world.said("fault")} == {code}
 
 
@@ -1276,7 +1278,7 @@ def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     lived(supervisor.fail("calibration", "the right camera has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
     for who in ("ann", "bob", "bob"):
         lived(supervisor.stop(f"by {who}"))
-    assert supervisor.fault == "calibration: the right camera has turned; then stopped by bob"
+    assert supervisor.permission.fault == "calibration: the right camera has turned; then stopped by bob"
     assert [record["text"] for record in world.said("fault")] == [
         "calibration: the right camera has turned", "stopped by ann", "stopped by bob", "stopped by bob",
     ]  # fmt: skip
@@ -1298,11 +1300,11 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
             await asyncio.sleep(0.01)
             stopping = asyncio.create_task(supervisor.abort())
             await asyncio.sleep(0.03)
-            assert supervisor.stopping
-            assert "being stopped (aborted by the operator)" in supervisor.permit.refusal().text
+            assert supervisor.permission.stopping
+            assert "being stopped (aborted by the operator)" in supervisor.permission.refusal().text
             await stopping
             assert not supervisor.busy
-            assert not supervisor.stopping
+            assert not supervisor.permission.stopping
             with pytest.raises(RefusedError, match="look: aborted by the operator"):
                 await job
 
@@ -1331,7 +1333,7 @@ def test_a_stop_that_was_confirmed_in_time_sounds_no_alarm_later():
         await asyncio.sleep(3 * ABORT_S)
 
     lived(story())
-    assert supervisor.fault == "stopped by hand"
+    assert supervisor.permission.fault == "stopped by hand"
     assert [what for what, _ in heard] == [JobEvent.STOP]
 
 
@@ -1393,7 +1395,7 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
             await task
 
     lived(asyncio.wait_for(story(), 10.0))
-    assert supervisor.fault is None
+    assert supervisor.permission.fault is None
     assert [name for name, _ in world.wire] == ["foreign", "abort"], "told once"
 
 
@@ -1416,7 +1418,7 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
     def hook(what: str) -> None:
         if what == "move":
             act(supervisor)
-            asked.append(supervisor.mover.cell.robot.permit.withheld)
+            asked.append(supervisor.mover.cell.robot.permission.withheld)
 
     async def story() -> None:
         await supervisor.mover.rest()
@@ -1457,7 +1459,7 @@ def test_how_long_a_stop_may_take_is_told_once_the_controller_has_answered_it_an
     def hook(name: str) -> None:
         if name == "abort":
             told.append(supervisor.awaits_confirmation_s)
-            supervisor.permit.stop_answered += 1
+            supervisor.permission.stop_answered += 1
             told.append(supervisor.awaits_confirmation_s)
 
     world.before = hook

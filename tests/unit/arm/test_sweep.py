@@ -13,7 +13,7 @@ from daemon.arm import sweep
 from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.arm.sweep import SLACK_MM, gaps_of, lever_arms_mm, path_of, path_refusal
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560

@@ -15,7 +15,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm import MoveRefusedError, NotSettledError
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.arrays import Array
 from daemon.calibration import session
 from daemon.calibration.arm_error import ArmError

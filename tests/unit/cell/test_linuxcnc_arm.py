@@ -16,7 +16,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm import Beliefs, HeldBackError, Reading, StopRefusedError
-from daemon.arm.permit import Grant
+from daemon.arm.permission import Grant
 from daemon.cell import sections
 from daemon.cell.backends import Surroundings
 from daemon.cell.linuxcnc_arm import BLEND_DEG, LinuxcncArm, LinuxcncSettings
@@ -94,7 +94,7 @@ def lived(story: Callable[[LinuxCNC, LinuxcncArm], Awaitable[None]], opened: boo
             if opened:
                 await arm.open()
                 await arm.prove_stop()
-                arm.permit.grant(Grant.ALL)
+                arm.permission.grant(Grant.ALL)
             await story(there, arm)
         finally:
             await arm.close()
@@ -167,7 +167,7 @@ def test_of_what_linuxcnc_would_not_carry_out_nothing_is_sent_and_the_arm_is_no_
         with pytest.raises(CellError, match=told):
             await moved(arm, target, straight=False)
         assert there.blocks == []
-        assert not arm.permit.enabled
+        assert not arm.permission.enabled
         assert (arm.beliefs.now.holds_part is None) == ("mode" in wrong)
 
     lived(story)
@@ -182,12 +182,12 @@ def test_what_is_held_or_begins_elsewhere_is_not_sent() -> None:
 
         with pytest.raises(CellError, match="elsewhere"):
             await moved(arm, target, straight=False, starts=elsewhere)
-        arm.permit.hold()
+        arm.permission.hold()
         for act in (moved(arm, target, straight=True), arm.hand(closed=True)):
             with pytest.raises(HeldBackError):
                 await act
         assert there.blocks == []
-        arm.permit.release()
+        arm.permission.release()
         await arm.hand(closed=True)
         await arm.hand(closed=False)
         await arm.set_outputs((3, -4))
@@ -234,16 +234,16 @@ def test_a_block_that_went_wrong_is_told_in_linuxcnc_s_words() -> None:
 
 def test_a_stop_that_is_refused_is_told_as_such_and_nothing_may_move() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        assert arm.permit.enabled
+        assert arm.permission.enabled
         there.refuses = "abort"
         with pytest.raises(StopRefusedError, match="refuses 'abort'"):
             await arm.abort()
-        assert not arm.permit.enabled
+        assert not arm.permission.enabled
         there.state["machine"] = "OFF"
         await arm.abort()
         with pytest.raises(CellError, match="switch the machine on"):
             await arm.prove_stop()
-        assert not arm.permit.stop_seen, "that proves nothing"
+        assert not arm.permission.stop_seen, "that proves nothing"
 
     lived(story)
 

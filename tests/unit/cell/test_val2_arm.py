@@ -52,7 +52,7 @@ def line(runner: asyncio.Runner) -> ArmLine:
 def arm_of(link: Link, geometry: ArmGeometry) -> Val2Arm:
     """One that nobody withholds motion from."""
     arm: Any = Val2Arm(link, geometry, Beliefs(link.clock, Mock()))
-    arm.permit = link.permit = Unconditional()
+    arm.permission = link.permission = Unconditional()
     return arm
 
 
@@ -267,7 +267,7 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(runner: a
             for word in (arm.prove_stop, arm.abort):
                 with pytest.raises(StopRefusedError, match=r"HALT \(it answers `\*Illegal command\*`\)"):
                     await word()
-            assert not arm.permit.stop_seen
+            assert not arm.permission.stop_seen
 
     runner.run(story())
 
@@ -379,7 +379,7 @@ def test_a_terminal_that_is_left_while_the_controller_has_no_zero_is_left_withou
             send(b"STATUS\r")
             await asyncio.sleep(1.0)
         assert await arm.check() == f"{NO_ZERO} (it says `*Not calibrated*`)", "it answers: the line stays open"
-        return arm.permit.stop_seen
+        return arm.permission.stop_seen
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         assert runner.run(story())
@@ -443,7 +443,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
         await arm.power_up(["Y"])
         assert controller.machine.at_rest()
         assert np.allclose(controller.arm.joints_at(line.now_s()), READY_RAD)
-        assert arm.permit.stop_seen
+        assert arm.permission.stop_seen
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         runner.run(story())

@@ -15,7 +15,7 @@ from daemon.commands.signals import reset_by_line
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from daemon.signals.input_form import load_form
-from daemon.signals.line import ProductionLine
+from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
@@ -42,7 +42,7 @@ def context(tmp_path: Path) -> Any:
     context, robot = fake_context(tmp_path), Robot()
     signals = {"permit": SignalSettings(number=1001, role="permit_pick"), "busy": SignalSettings(number=1, role="busy"),
                "valve": SignalSettings(number=11, role="vacuum")}  # fmt: skip
-    context.cycle.line = ProductionLine(signals, robot, None, lambda: 0.0, lambda *_, **__: None)
+    context.cycle.production_line = ProductionLine(signals, robot, None, lambda: 0.0, lambda *_, **__: None)
     context.hardware.robot = robot
     context.config = SimpleNamespace(state=tmp_path)
 
@@ -66,7 +66,7 @@ def test_how_inputs_are_read_is_found_with_a_person_and_kept(context: Any, tmp_p
     assert [text.partition(" at the line")[0] for text in person.asked] == [
         "Switch permit (input 1001) off", "Switch permit (input 1001) on", "Switch permit (input 1001) off again"
     ]  # fmt: skip
-    assert load_form(tmp_path) == context.cycle.line.form
+    assert load_form(tmp_path) == context.cycle.production_line.form
     assert "permit  input 1001, permit_pick: off" in say(context, "signal read").text
 
 

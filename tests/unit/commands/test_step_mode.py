@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from daemon.arm.hold import PauseAndStep
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from daemon.commands import step_mode
 from daemon.commands.step_mode import with_questions
 from daemon.console.notices import Notices
@@ -42,7 +42,7 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
 ) -> None:
     """The hand was to open twice: between two looks at what waits the first one was sent, and the second came up."""
     monkeypatch.setattr(step_mode, "POLL_S", 0.01)
-    hold, frontend = PauseAndStep(MotionPermit(), lambda _: None), Asked()
+    hold, frontend = PauseAndStep(MotionPermission(), lambda _: None), Asked()
     hold.step(True)
     cycle = SimpleNamespace(supervisor=SimpleNamespace(hold=hold), status=lambda: how_it_stands(hold))
     context: Any = SimpleNamespace(cycle=cycle, notices=Notices())

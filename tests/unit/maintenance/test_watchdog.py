@@ -15,7 +15,7 @@ from unittest.mock import AsyncMock, Mock, patch
 
 import pytest
 
-from daemon.arm.permit import Grant, MotionPermit
+from daemon.arm.permission import Grant, MotionPermission
 from daemon.cell.no_arm import CellError
 from daemon.console.context import CommandContext
 from daemon.events.codes import CauseCode, FaultCause
@@ -36,9 +36,9 @@ class WatchedCell:
         self.causes: list[CauseCode] = []
         self.line_opened_anew = Mock()
         self.camera_fails = False
-        self.permit = MotionPermit()
-        self.permit.stop_seen = 1
-        self.permit.grant(Grant.ALL)
+        self.permission = MotionPermission()
+        self.permission.stop_seen = 1
+        self.permission.grant(Grant.ALL)
         self.notes: list[str] = []
         health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)
         log = SimpleNamespace(quota_mb=10, keep_free_mb=0, roll_mb=1)
@@ -53,7 +53,7 @@ class WatchedCell:
         )
         self.heard_s = time.monotonic()
         self.controller = None
-        self.aside = self.stopping = False
+        self.aside = False
         self.connected = True
         self.set_by_s = 0.0
         self.doing: str | None = None
@@ -120,7 +120,7 @@ def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it
 
 def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path: Path) -> None:
     async def play(watched: WatchedCell, _: Watchdog) -> None:
-        watched.permit.withdraw()
+        watched.permission.withdraw()
         watched.camera_fails = True
         await asyncio.sleep(0.8)
         assert "cameras" in watched.context.troubles.active
@@ -298,7 +298,8 @@ def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_w
 ) -> None:
     async def play(watched: WatchedCell, _: Watchdog) -> None:
         watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
-        watched.stopping, watched.connected = True, connected
+        watched.permission.stop_begins()
+        watched.connected = connected
         watched.context.troubles.report("controller", "controller: no answer")
         await asyncio.sleep(0.7)
         assert watched.open.called is not connected  # type: ignore[attr-defined]
@@ -314,7 +315,8 @@ def test_a_line_that_is_lost_during_a_stop_is_tried_again_at_every_tick_however_
     async def play(watched: WatchedCell, _: Watchdog) -> None:
         watched.context.config.values.health.arm_check_s = 10.0
         watched.close, watched.open = AsyncMock(), AsyncMock(side_effect=CellError("no such port"))  # type: ignore[attr-defined]
-        watched.stopping, watched.connected, watched.doing = True, False, "stop"
+        watched.permission.stop_begins()
+        watched.connected, watched.doing = False, "stop"
         watched.context.troubles.report("controller", "controller: the port is gone")
         await asyncio.sleep(3.2)
         assert watched.open.await_count >= 5  # type: ignore[attr-defined]
@@ -396,7 +398,7 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
 ) -> None:
     """The clock that looks are timed by stands still meanwhile: an auto went on an hour later by what it saw before."""
     watched = WatchedCell(tmp_path)
-    watched.permit.grant(Grant.ALL if enabled else Grant.NOTHING)
+    watched.permission.grant(Grant.ALL if enabled else Grant.NOTHING)
 
     async def story() -> None:
         one = Watchdog(watched.context)

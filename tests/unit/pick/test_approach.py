@@ -69,7 +69,7 @@ def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():
 def test_where_all_motion_is_closed_no_part_is_blamed(state):
     context, world = begun(one_part())
     brought_to(state, context, world)
-    context.mover.permit.withdraw()
+    context.mover.permission.withdraw()
     with pytest.raises(MoveRefusedError, match="not_enabled"):
         step(context, world, state)
     assert not world.skipped

@@ -589,7 +589,7 @@ def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_furthe
         async def end_it():
             cycle.auto_off()
             await asyncio.wait_for(getattr(cycle.supervisor, act)(), 1.0)
-            assert not cycle.supervisor.stopping
+            assert not cycle.supervisor.permission.stopping
 
         acting = []
         world.before = lambda name: name == "moving" and not acting and acting.append(asyncio.create_task(end_it()))

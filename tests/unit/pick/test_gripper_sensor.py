@@ -30,7 +30,7 @@ def wired(cycle: PickCycle, says: Says) -> PickCycle:
     async def part_held() -> bool | None:
         return says()
 
-    cycle.line.part_held = part_held  # type: ignore[method-assign]
+    cycle.production_line.part_held = part_held  # type: ignore[method-assign]
     return cycle
 
 
@@ -42,7 +42,7 @@ def picked(fake: World, says: Says, settings: Settings | None = None) -> tuple[A
 def asked(end: Any, cycle: PickCycle, fake: World) -> bool:
     """Whether the arm stopped and a person is asked what the gripper holds, which was left as it is."""
     assert fake.said("cycle_end")[-1]["code"] == "sensor_disagrees", end.why
-    return end.outcome == "fault" and cycle.belief.holds_part is None and cycle.supervisor.fault is not None
+    return end.outcome == "fault" and cycle.belief.holds_part is None and cycle.supervisor.permission.fault is not None
 
 
 def test_a_sensor_that_is_right_is_read_when_taken_hold_of_lifted_and_let_go() -> None:
@@ -129,7 +129,7 @@ def test_the_line_hears_of_parts_that_were_brought_and_of_none_that_fell_on_the_
     async def brought() -> None:
         told.append(cycle.ends[-1].why)
 
-    cycle.line.brought = brought  # type: ignore[method-assign]
+    cycle.production_line.brought = brought  # type: ignore[method-assign]
 
     def lost(act: str) -> None:
         if act == "move" and [r["purpose"] for r in fake.said("move")][-1] == "bin":
@@ -208,8 +208,8 @@ def test_a_cup_is_worked_by_outputs_where_its_valves_are_there_and_no_other_grip
     async def work_cup(closed: bool, works_s: float) -> None:
         worked.append((closed, works_s))
 
-    cycle.line.work_cup = work_cup  # type: ignore[method-assign]
-    cycle.line._by_role = {"vacuum": "valve"} if wired else {}
+    cycle.production_line.work_cup = work_cup  # type: ignore[method-assign]
+    cycle.production_line._by_role = {"vacuum": "valve"} if wired else {}
 
     async def story() -> None:
         cycle.supervisor.enable()

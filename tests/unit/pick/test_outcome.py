@@ -65,7 +65,7 @@ def test_an_observer_that_breaks_stops_nothing_and_is_reported():
         return await cycle.pick()
 
     assert asyncio.run(story()).outcome == "picked"
-    assert cycle.supervisor.fault is None
+    assert cycle.supervisor.permission.fault is None
     assert world.binned == ["cube"]
     assert reported == ["the observer broke"] * (len(world.said("look")) + 1)
 

@@ -11,10 +11,10 @@ import pytest
 
 from daemon.arm import RefusedError
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.pick.cycle import PERMITS
+from daemon.pick.cycle import LINE_PERMITS
 from daemon.pick.transitions import PickState
 from daemon.signals.input_form import FORMS, InputForm
-from daemon.signals.line import ProductionLine
+from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.fakes.waiting import until_so
@@ -44,7 +44,7 @@ def with_line(world: World, inputs: Inputs, form: bool = True) -> Any:
     cycle = cycle_of(world)
     signals = {role: SignalSettings(number=number, role=role) for role, number in NUMBERS.items()}  # type: ignore[arg-type]
     kept = InputForm(FORMS[0], "0", "-1") if form else None
-    cycle.line = ProductionLine(signals, inputs, kept, lambda: 0.0, lambda *_, **__: None)
+    cycle.production_line = ProductionLine(signals, inputs, kept, lambda: 0.0, lambda *_, **__: None)
     return cycle
 
 
@@ -66,15 +66,15 @@ def test_every_move_of_a_pick_waits_for_its_permit_and_goes_on_once_it_is_there(
     for record in world.records:
         if record["kind"] == "state":
             state = PickState(record["to"])
-        elif record["kind"] in ("move", "hand") and PERMITS.get(state) in needed:
-            needed[PERMITS[state]] += 1
+        elif record["kind"] in ("move", "hand") and LINE_PERMITS.get(state) in needed:
+            needed[LINE_PERMITS[state]] += 1
     assert inputs.read.count("permit_pick") + inputs.read.count("permit_place") == sum(needed.values()) + waited
     assert needed["permit_pick"] > 4
     assert needed["permit_place"] >= 2
 
 
 def test_the_way_home_and_moves_by_an_operator_need_no_permit() -> None:
-    assert {PickState.HOME, PickState.IDLE, PickState.PAUSED, PickState.FAULT}.isdisjoint(PERMITS)
+    assert {PickState.HOME, PickState.IDLE, PickState.PAUSED, PickState.FAULT}.isdisjoint(LINE_PERMITS)
     inputs = Inputs()
     cycle = with_line(one_cube(), inputs)
     asyncio.run(cycle.go("home"))
@@ -121,7 +121,7 @@ def test_an_auto_brings_one_part_for_each_start() -> None:
         world.put("pyramid", 560, 90, 0.2)
         cycle = with_line(world, inputs)
         auto = asyncio.create_task(cycle.auto(PickOrder(on_signal=True)))
-        await until_so(lambda: cycle.ends and cycle.line.waits_for)
+        await until_so(lambda: cycle.ends and cycle.production_line.waits_for)
         assert len(cycle.ends) == 1, "the start is still on: it asked for one"
         cycle.auto_off()
         return await auto
@@ -136,7 +136,7 @@ def test_a_job_on_signal_brings_the_part_of_its_next_step_for_each_start() -> No
         cycle = with_line(world, inputs)
         steps = OrderStep("pyramid"), OrderStep("cube")
         auto = asyncio.create_task(cycle.auto(PickOrder(2, job="kit", steps=steps, whole=steps, on_signal=True)))
-        await until_so(lambda: cycle.ends and cycle.line.waits_for)
+        await until_so(lambda: cycle.ends and cycle.production_line.waits_for)
         assert [end.label for end in cycle.ends] == ["pyramid"], "the start is still on: it asked for one"
         inputs.off_next.add("cycle_start")
         return await auto
@@ -152,7 +152,7 @@ def test_packml_says_at_work_of_a_job_that_may_move_the_arm_and_no_longer_waits_
 ) -> None:
     cycle: Any = cycle_of(one_part())
     cycle.supervisor = SimpleNamespace(busy=busy, job_moves=moves, status=dict)
-    cycle.line = SimpleNamespace(waits_to_begin=waits, done=3)
+    cycle.production_line = SimpleNamespace(waits_to_begin=waits, done=3)
     monkeypatch.setattr("daemon.pick.cycle.packml_state", lambda _, at_work, done: (at_work, done))
     assert cycle.packml == (busy and moves and not waits, 3)
 
@@ -165,9 +165,9 @@ def test_a_line_that_can_no_longer_be_read_ends_an_auto_with_the_arm_stopped_and
     async def unreadable(*_: object) -> bool:
         raise OSError("the input module is gone")
 
-    setattr(cycle.line, asks, unreadable)
+    setattr(cycle.production_line, asks, unreadable)
     ends = asyncio.run(cycle.auto(PickOrder(3, on_signal=asks == "wanted")))
     assert [end.outcome for end in ends] == ([] if asks == "wanted" else ["picked"])
-    assert cycle.supervisor.fault == "signals: the input module is gone"
+    assert cycle.supervisor.permission.fault == "signals: the input module is gone"
     assert [name for name, _ in world.wire].count("abort") == 1
     assert cycle.state == "fault"

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm import BeliefSource, HeldPart, RefusedError, carried_part
 from daemon.arm.motion import MoveRefusedError
-from daemon.arm.permit import Refusal
+from daemon.arm.permission import Refusal
 from daemon.events.pick_order import PickOrder
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
@@ -255,7 +255,7 @@ def test_a_part_that_was_set_down_before_a_fault_is_less_to_bring_and_is_not_rep
         if act == "see" and PlaceStatuses(tmp_path).of("nest").status is PlaceStatus.SET:
             raise OSError(5, "the camera is gone")
 
-    story.cycle.line.brought = brought  # type: ignore[method-assign]
+    story.cycle.production_line.brought = brought  # type: ignore[method-assign]
     story.fake.before = torn
     (end,) = asyncio.run(story.cycle.auto(PickOrder(2)))
     assert (end.outcome, end.place, end.ended_by, told) == ("released", "nest", "error", [])

@@ -84,7 +84,7 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
         cycle=SimpleNamespace(
             status=lambda: {"doing": None},
             supervisor=SimpleNamespace(
-                permit=SimpleNamespace(granted=True), disable=disable, refuse_during_job=refuse_during_job
+                permission=SimpleNamespace(granted=True), disable=disable, refuse_during_job=refuse_during_job
             ),
         ),
     )  # fmt: skip

@@ -568,7 +568,7 @@ def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enab
     story.sockets[0].send({"leave": True})
     story.wait(2.0)
     context = story.context
-    assert context.hardware.robot.permit.stop_seen
+    assert context.hardware.robot.permission.stop_seen
     assert not context.cycle.status()["enabled"]
     assert story.violations() == ()
 
@@ -674,10 +674,12 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
         controller.receive(b"SPEED 100\r", controller.now_s)
     story.wait(20.0)
     cycle = story.context.cycle
-    assert not cycle.supervisor.enabled
+    assert not cycle.supervisor.permission.enabled
     assert cycle.supervisor.mover.belief.closed is None
     assert cycle.belief.holds_part is None
-    assert "another terminal or program types on the controller's line (received" in str(cycle.supervisor.fault)
+    assert "another terminal or program types on the controller's line (received" in str(
+        cycle.supervisor.permission.fault
+    )
     before = story.cell.world_from_tool()
     story.sockets[1].say("go home")
     story.wait(5.0)
@@ -876,14 +878,14 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
     story.wait(0.3)
     story.cell.controller.faults.refusals.append("*Location out of range*")
     context = story.context
-    while not context.cycle.supervisor.stopping:
+    while not context.cycle.supervisor.permission.stopping:
         story.wait(0.01)
     story.sockets[1].say(word)
     story.wait(2.0)
     assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
     kill(story)
     context = story.context
-    assert context.cycle.supervisor.fault == "restarted: the daemon ended in fault"
+    assert context.cycle.supervisor.permission.fault == "restarted: the daemon ended in fault"
     assert story.violations() == ()
 
 
@@ -945,7 +947,7 @@ def test_a_stop_is_answered_though_whoever_has_the_controllers_terminal_reads_no
     story.wait(3.0)
     assert "Stopped. Nothing moves until `resume`." in story.texts
     context = story.context
-    assert not context.cycle.supervisor.stopping
+    assert not context.cycle.supervisor.permission.stopping
     assert story.violations() == ()
 
 
@@ -1054,7 +1056,7 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
         story.sockets[0].say("pick")
         story.wait(4.0)
     assert aborted[0].result() is None
-    assert supervisor.fault is None
+    assert supervisor.permission.fault is None
     assert any(text.startswith("aborted") for text in story.texts)
     assert story.violations() == ()
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from daemon.signals.line import ProductionLine
 from daemon.signals.modbus import COILS, ModbusServer, PLCInputs, PLCReadings, handed_in, readings
 from daemon.signals.packml import PackMLState
+from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import ModbusSettings
 
 pytest.importorskip("pymodbus")

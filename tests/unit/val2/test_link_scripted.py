@@ -727,7 +727,7 @@ def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and
     async def story() -> tuple[list[str], bytes, str]:
         port = Scripted(usual)
         link = linked(port)
-        link.permit = Withheld()
+        link.permission = Withheld()
         await link.open()
         port.at_first = told
         await link.speed(30)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from daemon.arm.permit import MotionPermit
+from daemon.arm.permission import MotionPermission
 from drivers.ledger import Ledger
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, ControllerError, Disturbed, NoAnswer, PortError, Preempted
@@ -48,7 +48,7 @@ class Wire:
             self._opened,
             lambda: None,
             lambda: None,
-            MotionPermit(),
+            MotionPermission(),
         )
 
     def _opened(self, path: str, dialect: Dialect, on_bytes: Any, on_lost: Any) -> Any:
@@ -690,6 +690,6 @@ def test_each_piece_that_is_heard_counts_as_a_sign_that_the_controller_is_there(
         wire = Wire()
         for piece in (b"WHE", b"RE", PROMPT):
             wire.hear(piece)
-        return wire.session._permit.heard
+        return wire.session._permission.heard
 
     assert lived(story()) == 3

@@ -14,7 +14,7 @@ from tests.unit.val2.test_link import quick
 
 
 class Withheld:
-    """A permit that lets nothing move."""
+    """A permission that lets nothing move."""
 
     stop_seen = stop_answered = heard = 0
     stop_took_s = 0.0
@@ -25,8 +25,8 @@ def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(timed_line:
     async def scene() -> None:
         line = timed_line()
         async with line.link(quick()) as link:
-            link.permit = Withheld()
-            link._session.talk._permit = link.permit  # type: ignore[union-attr]
+            link.permission = Withheld()
+            link._session.talk._permission = link.permission  # type: ignore[union-attr]
             await link.set_outputs([1, 2])
             await link.set_outputs([-1, 3])
             assert line.server._controller.machine.outputs == {2, 3}

@@ -126,7 +126,7 @@ class ProductionLine:
     def _readable(self, role: str) -> bool:
         return role in self._by_role and (self.form is not None or role in self.plc.roles)
 
-    async def permit(self, role: str | None) -> bool:
+    async def wait_for_permit(self, role: str | None) -> bool:
         """Wait for a permit, where the line gives one; returns whether it had to wait."""
         if role is None or role not in self._by_role:
             return False
@@ -196,7 +196,8 @@ class ProductionLine:
         """Read the inputs that a hand-shake waits for, and set the outputs that differ; returns whether the line asks
         for a reset.
 
-        stop_seen: of the permit; another one means that the controller may have been switched off, its outputs with it.
+        stop_seen: of the motion permission; another one means that the controller may have been switched off, its
+        outputs with it.
         """
         reset = False
         if stop_seen != self._stop_seen:

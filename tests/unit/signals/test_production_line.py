@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from daemon.arm import HeldBackError
-from daemon.signals import line as lines
+from daemon.signals import production_line as lines
 from daemon.signals.input_form import FORMS, InputForm, SignalError
-from daemon.signals.line import ProductionLine, keep_watch
 from daemon.signals.packml import PackMLState, packml_state
+from daemon.signals.production_line import ProductionLine, keep_watch
 from daemon.signals.settings import SignalSettings
 
 SIGNALS = {
@@ -68,12 +68,12 @@ def test_a_permit_that_is_off_is_waited_for_and_said() -> None:
     line = Line()
     signals, said = served(line), []
     line.then = [lambda: None, lambda: said.append(signals.waits_for), lambda: line.on.add(1001)]
-    assert asyncio.run(signals.permit("permit_pick"))
+    assert asyncio.run(signals.wait_for_permit("permit_pick"))
     assert said == ["the permit to pick (permit)"]
     assert signals.waits_for is None
-    assert not asyncio.run(signals.permit("permit_pick")), "it is there now"
-    assert not asyncio.run(signals.permit("permit_place")), "this line has none"
-    assert not asyncio.run(signals.permit(None)), "a move that needs none"
+    assert not asyncio.run(signals.wait_for_permit("permit_pick")), "it is there now"
+    assert not asyncio.run(signals.wait_for_permit("permit_place")), "this line has none"
+    assert not asyncio.run(signals.wait_for_permit(None)), "a move that needs none"
 
 
 def test_a_start_counts_once_and_only_where_it_was_seen_off_before() -> None:
@@ -166,7 +166,7 @@ def test_what_cannot_be_read_permits_nothing() -> None:
     signals.form = None
     assert signals.unreadable is not None
     with pytest.raises(SignalError, match="`signal find permit` at a console"):
-        asyncio.run(signals.permit("permit_pick"))
+        asyncio.run(signals.wait_for_permit("permit_pick"))
 
 
 def test_a_line_that_fails_twice_is_a_trouble_and_one_that_answers_again_is_over_it() -> None:

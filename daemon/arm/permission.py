@@ -1,8 +1,8 @@
-"""The motion permit: whether arm and gripper may move now. Supervisor, mover and controller line share one object.
+"""The motion permission: whether arm and gripper may move now. Supervisor, mover and controller line share one object.
 
 The supervisor grants and withdraws it, and sets the fault and the hold; the controller line reports whether the stop
-works. The mover checks the permit before it plans a move and before it sends it; the line checks it again before the
-last byte of a motion command leaves (drivers/val2/conversation.py).
+works. The mover checks it before it plans a move and before it sends it; the line checks it again before the last byte
+of a motion command leaves (drivers/val2/conversation.py).
 """
 
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ class Grant(StrEnum):
     ALL = "all"
 
 
-class MotionPermit:
-    """The motion permit (see the module).
+class MotionPermission:
+    """The motion permission (see the module).
 
     stop_seen: how often facetd has verified that the controller accepts the stop command; 0: not yet since the line
     was opened or the controller was switched on. stop_answered: how often the controller sent something after a stop
