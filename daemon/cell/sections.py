@@ -233,7 +233,8 @@ def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:
 def check_hand_eye(config: Config, calibration: Calibration) -> None:
     """Check that the calibration matches the configured cameras and is plausible. Raises ConfigError."""
     if calibration.alone is not None and alone(config) != calibration.alone:
-        problem = f"{config.calibration} is of one camera, the {calibration.alone}; expected {calibration.alone} alone"
+        only = f"{config.calibration} is of the {calibration.alone} camera alone"
+        problem = f"{only}: name only `{calibration.alone}` here; for two cameras, `calibrate use` one of both first"
         raise config.document.error(("cameras",), problem)
     for camera in implausible_rig(calibration.rig):
         raise read(config.calibration).error(camera.keys, camera.problem)

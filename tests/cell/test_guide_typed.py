@@ -267,6 +267,9 @@ class Operator:
                 self.daemon.do(line)
         for line in ("resume", "step off", "dry off"):
             self.daemon.do(line)
+        if section.startswith("A cell with one camera"):  # it begins with a restart, which forgets `cameras right`
+            for line in ("disable", "show cube", "cameras both"):
+                self.says(line)
 
     def lets_it_move(self) -> None:
         """Nothing is done, no fault stands; enabled."""

@@ -216,7 +216,7 @@ def test_a_calibration_of_one_camera_is_refused_where_there_are_two(path: Path) 
     path.write_text("version: 1\ncameras: {left: a, right: b}\n")
     config = load_config(path)
     calibration = replace(load_calibration(config.calibration), alone="left")
-    with pytest.raises(ConfigError, match=r":2: cameras: .* is of one camera, the left"):
+    with pytest.raises(ConfigError, match=r":2: cameras: .* is of the left camera alone: name only `left` here"):
         sections.check_hand_eye(config, calibration)
 
 
