@@ -28,7 +28,6 @@ from daemon.vision.refine import (
     fit_by_edges,
     fit_to_facets,
     outline_coverage,
-    refine_or_reject,
     vanished_edge_fraction,
 )
 from daemon.vision.settings import TOLERANCE_MM
@@ -248,7 +247,7 @@ def held_by_edges(
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
     near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
-    fit = refine_or_reject(shape, taken.stereo, near, reach_mm)
+    fit = fit_by_edges(shape, taken.stereo, near, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part

@@ -10,7 +10,6 @@ from daemon.vision.refine.edge_pose import (
     fit_by_edges,
     outline_coverage,
     refine_from_pose,
-    refine_or_reject,
     vanished_edge_fraction,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
@@ -54,7 +53,6 @@ __all__ = [
     "fit_to_facets",
     "outline_coverage",
     "refine_from_pose",
-    "refine_or_reject",
     "refined_parts",
     "rims_seen",
     "turned",

@@ -8,10 +8,9 @@ business.
 | function | starts from | searches | fits rims of holes | returns | if the edges are not there |
 | --- | --- | --- | --- | --- | --- |
 | `locate_by_edges` | a pose within reach_mm | the reach | no | pose and measured edges | None |
-| `fit_by_edges` | a pose within reach_mm | the reach | yes | pose and covariance | None |
-| `fit_by_each_camera` | a pose within reach_mm | the reach | no | as fit_by_edges, from each camera | None |
+| `fit_by_edges` | a pose right to a px, and within reach_mm | if need be | yes | pose and covariance | None |
+| `fit_by_each_camera` | as fit_by_edges | if need be | yes | as fit_by_edges, from each camera | None |
 | `refine_from_pose` | a pose right to a px | no | yes | pose, covariance, measured edges | stays at the pose |
-| `refine_or_reject` | a pose right to a px, else within reach_mm | if need be | yes | pose, covariance | None |
 | `clear_edge_fraction` | a pose within reach_mm | the reach | no | how surely the part is there | 0 |
 | `vanished_edge_fraction` | a pose within reach_mm | the reach | no | how surely it was there and is gone | 0 |
 | `outline_coverage` | a pose that stays | across each edge | no | how much of the outline has edges near it | 0 |
@@ -95,9 +94,9 @@ LEAST_SHARE = 0.4
 """Of the evidence that the edges of a part could give, what they must where it is settled. Of 41 parts in the gripper
 the edges gave .41 to 1 at their place; from 3 mm beside it they led to places where they gave .38 and less, or more
 only where the part was turned by 2 degrees and more, which its covariance forbids."""
+IN_PLACE = 0.95
+"""Fraction of the edge length in place from which no other start is tried."""
 SAFE_CONDITION = 1e7
-RIM_ROUNDS = 2
-"""How often rims are looked for anew: those of a disc whose turn nothing else says may be some px off at first."""
 BY_PRIOR = np.linalg.inv(PRIOR)
 """Covariance of a pose of which no edge says anything."""
 
@@ -171,43 +170,6 @@ def _project_unhidden_edges(
     return left, right
 
 
-def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
-    """The pose at which `locate_by_edges` finds the part, with its covariance.
-
-    None where a camera shows too few of the edges it should see, or they are too faint to be the part's, or leave the
-    pose open. Fit.matched counts edges.
-    """
-    found = locate_by_edges(shape, images, near, reach_mm)
-    return None if found is None or _clear_fraction(found, images) < LEAST_CLEAR else fit_from_located(found, images)
-
-
-def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
-    """As fit_edges, but what each camera says by itself, for cameras whose places against each other are in doubt."""
-    found = locate_by_edges(shape, images, near, reach_mm)
-    whole = None if found is None or _clear_fraction(found, images) < LEAST_CLEAR else fit_from_located(found, images)
-    if found is None or whole is None:
-        return None
-    alone = (adjust_pose(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
-    left, right = (replace(whole, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
-    return left, right
-
-
-def fit_from_located(found: Located, images: StereoImages) -> Fit | None:
-    """The located pose moved a last time, by its edges and the rims of its holes, with its covariance, if so much of
-    its outline is on its place in both cameras."""
-    if not _is_supported(found):
-        return None
-    on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
-    off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
-    residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
-    final = adjust_pose(found.shape, found.pose, found.observed, TOLERANCE_MM)
-    for _ in range(RIM_ROUNDS if found.shape.holes else 0):
-        there = rim_places(found.shape, final.pose, images, TOLERANCE_MM)
-        rims = [rim._replace(off_px=rim.off_px + rim.jacobian @ final.motion) for rim in there]
-        final = adjust_pose(found.shape, found.pose, found.observed, TOLERANCE_MM, rims=rims)
-    return Fit(final.pose, final.covariance, residual_mm, len(off_px))
-
-
 def _is_supported(found: Located) -> bool:
     """Whether so much of a part's outline is on its place in both cameras that they hold its pose."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
@@ -250,23 +212,48 @@ def refine_from_pose(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def refine_or_reject(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
-    """Refine a pose cyclopean_from_part (4, 4) that is probably right but may be off by up to reach_mm, by edges, arcs
-    and rims; None if the images do not confirm it."""
-    fit = _refine_at(shape, images, near)
-    if fit is None and (found := locate_by_edges(shape, images, near, reach_mm)) is not None:
-        fit = _refine_at(shape, images, found.pose)
-    return fit
+def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
+    """Fit the pose cyclopean_from_part (4, 4) of a part within reach_mm of `near`, by edges, arcs and rims of holes; None
+    if the images do not confirm it. Fit.matched counts edges.
+
+    Begins where stretches of edges lead; unless nearly all edges then lie in place, also where straight lines within
+    reach do. The first goes wrong beside strong print, the second where a part has many short edges: the fit with more
+    edges in place is taken.
+    """
+    best = _confirmed_fit(shape, images, aligned_to_edges(SolidBatch.of([shape]), images, near[None], TOLERANCE_MM)[0])
+    if best is None or best[1] < IN_PLACE:
+        found = locate_by_edges(shape, images, near, reach_mm)
+        other = None if found is None else _confirmed_fit(shape, images, found.pose)
+        best = max((each for each in (best, other) if each is not None), key=lambda each: each[1], default=None)
+    return None if best is None else best[0]
 
 
-def _refine_at(shape: Polyhedron, images: StereoImages, near: Array) -> Fit | None:
-    solids = SolidBatch.of([shape])
-    pose = aligned_to_edges(solids, images, near[None], TOLERANCE_MM)[0]
-    samples = edge_samples_of(solids, images, pose[None], TOLERANCE_MM)
+def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
+    """As fit_by_edges, but what the left and the right camera say by themselves, for cameras whose places against each
+    other are in doubt."""
+    both = fit_by_edges(shape, images, near, reach_mm)
+    if both is None:
+        return None
+    pose = both.cyclopean_from_part
+    observed = measure_edges(_project_unhidden_edges(SolidBatch.of([shape]), images, pose[None]), images)
+    if any(seen.sides is None for seen in observed):
+        return None
+    alone = (adjust_pose(shape, pose, [seen], TOLERANCE_MM) for seen in observed)
+    left, right = (replace(both, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
+    return left, right
+
+
+def _confirmed_fit(shape: Polyhedron, images: StereoImages, start: Array) -> tuple[Fit, float] | None:
+    """The fit from a pose (4, 4), and the fraction of edge length in place; None if too little of the edges shows, or
+    they are too faint to be a part's."""
+    samples = edge_samples_of(SolidBatch.of([shape]), images, start[None], TOLERANCE_MM)
     if EdgeEvidence.of(samples).fraction < LEAST_SHARE:
         return None
-    fit, _ = refine_from_pose(shape, images, pose, TOLERANCE_MM, samples)
-    return fit if fit.matched else None
+    fit, observed = refine_from_pose(shape, images, start, TOLERANCE_MM, samples)
+    clear = [_clear_edges(seen, view) for seen, view in zip(observed, images.views, strict=True)]
+    if not fit.matched or _fraction_of_length(observed, clear) < LEAST_CLEAR:
+        return None
+    return fit, _fraction_of_length(observed, [seen.on_place for seen in observed])
 
 
 def outline_coverage(shape: Polyhedron, images: StereoImages, pose: Array, reach_mm: float) -> float:

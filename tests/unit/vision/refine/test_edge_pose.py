@@ -16,7 +16,6 @@ from daemon.vision.refine.edge_pose import (
     fit_by_edges,
     locate_by_edges,
     refine_from_pose,
-    refine_or_reject,
 )
 from tests.fakes import painted
 from tests.fakes.drawn import prism
@@ -49,7 +48,7 @@ def found(label, view, seed=1):
     """(mm, degrees) off, and the sigma of the place, of a part laid from a near pose."""
     rng, shape = np.random.default_rng(seed), shape_of(label)
     where = pose(np.array(view), 0.3, 300.0)
-    fit = fit_by_edges(shape, open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
+    fit = fit_by_edges(shape, open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng), 5.0)
     assert fit is not None
     return *error(fit, where, shape), np.sqrt(np.trace(fit.covariance[:3, :3]))
 
@@ -77,7 +76,7 @@ def test_a_part_of_which_only_the_outline_shows_is_located_by_that(monkeypatch, 
 def test_an_empty_table_shows_no_part(label):
     rng, shape = np.random.default_rng(2), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    assert fit_by_edges(shape, open_stereo(*paint_pair([], rng), rig()), where) is None
+    assert fit_by_edges(shape, open_stereo(*paint_pair([], rng), rig()), where, 5.0) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
@@ -85,7 +84,7 @@ def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
     rng, shape = np.random.default_rng(3), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert fit_by_edges(shape, images, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
+    assert fit_by_edges(shape, images, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3])), 5.0) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
@@ -93,14 +92,14 @@ def test_another_part_in_its_place_is_not_taken_for_it(label):
     rng = np.random.default_rng(4)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
-    assert [other for other in KNOWN if other != label and fit_by_edges(shape_of(other), images, where)] == []
+    assert [other for other in KNOWN if other != label and fit_by_edges(shape_of(other), images, where, 5.0)] == []
 
 
 def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it():
     rng, shape = np.random.default_rng(5), shape_of("pentagonal_prism")
     where = frames.rigid(np.eye(3), np.array([0.0, -62.0, 0.0])) @ pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
-    fit = fit_by_edges(shape, images, near(where, rng))
+    fit = fit_by_edges(shape, images, near(where, rng), 5.0)
     assert fit is not None
     assert error(fit, where, shape)[0] < 1.0
 
@@ -111,7 +110,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
     rng, shape, where = np.random.default_rng(3), shape_of(label), pose(np.array(VIEWS[0]), 0.3, 300.0)
     images = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     thought = frames.perturb(where, np.array([off_mm, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    fit = refine_or_reject(shape, images, thought, 9.0)
+    fit = fit_by_edges(shape, images, thought, 9.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < min(0.4, 3 * float(np.sqrt(np.trace(fit.covariance[:3, :3]))))
@@ -121,7 +120,7 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
 def test_nothing_and_another_part_are_not_settled():
     rng, where = np.random.default_rng(4), pose(np.array(VIEWS[0]), 0.3, 300.0)
     for lying in ([], [(KNOWN["pyramid"], where)]):
-        assert refine_or_reject(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
+        assert fit_by_edges(shape_of("cube"), open_stereo(*paint_pair(lying, rng), rig()), where, 6.0) is None
 
 
 @pytest.mark.parametrize(("blur_px", "followed"), [(1.5, True), (7.0, False)])
@@ -130,7 +129,7 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
     images = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
-    assert (fit_by_edges(shape, images, where) is not None) == followed
+    assert (fit_by_edges(shape, images, where, 5.0) is not None) == followed
 
 
 @pytest.mark.parametrize("beside_mm", [2.2, 2.8, 3.4])
@@ -176,7 +175,7 @@ def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> Non
     farthest_first = np.argsort(-np.linalg.norm(frames.apply(where, shape.centres_mm), axis=1))
     shape = exact(shape.corners_mm, [rings[k] for k in farthest_first])
     images = open_stereo(*paint_pair([(shape, where)], np.random.default_rng(1)), rig())
-    fit = fit_by_edges(shape, images, frames.perturb(where, A_LITTLE))
+    fit = fit_by_edges(shape, images, frames.perturb(where, A_LITTLE), 5.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape)
     assert error_mm < 0.4
