@@ -182,7 +182,7 @@ def _is_supported(found: Located) -> bool:
 def refine_from_pose(
     shape: Polyhedron, images: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
-    """Refine a pose cyclopean_from_part (4, 4) that is right to a pixel; return the fit, as refine_or_reject() has it,
+    """Refine a pose cyclopean_from_part (4, 4) that is right to a pixel; return the fit, as fit_by_edges() has it,
     and the measured edges. samples: of the stretches at the pose, if already taken.
 
     Print beside edges leads lines astray, from one measurement to the next all the way to another minimum; of stretches
@@ -213,8 +213,8 @@ def refine_from_pose(
 
 
 def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
-    """Fit the pose cyclopean_from_part (4, 4) of a part within reach_mm of `near`, by edges, arcs and rims of holes; None
-    if the images do not confirm it. Fit.matched counts edges.
+    """Fit the pose cyclopean_from_part (4, 4) of a part within reach_mm of `near`, by edges, arcs and rims of holes;
+    None if the images do not confirm it. Fit.matched counts edges.
 
     Begins where stretches of edges lead; unless nearly all edges then lie in place, also where straight lines within
     reach do. The first goes wrong beside strong print, the second where a part has many short edges: the fit with more

@@ -212,7 +212,7 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     fit = Fit(frames.inverse(tool_from_cyclopean) @ seen, tight, 0.1, 9)
     found: list[Any] = []
     monkeypatch.setattr(
-        following, "refine_or_reject", lambda shape, stereo, near, reach: found.append((near, reach)) or fit
+        following, "fit_by_edges", lambda shape, stereo, near, reach: found.append((near, reach)) or fit
     )
     target: Any = SimpleNamespace(
         label="cube", shape=shape_of("cube"), tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
@@ -229,9 +229,9 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / (1e-4 + turn_variance), rel=0.05)
     shift, turned = frames.size(frames.difference(held.pose, grasped_at))
     assert (shift, np.degrees(turned)) == pytest.approx((mm / 1.01, deg * 1e-4 / (1e-4 + turn_variance)), rel=0.03)
-    monkeypatch.setattr(following, "refine_or_reject", lambda *_: None)
+    monkeypatch.setattr(following, "fit_by_edges", lambda *_: None)
     assert held_pose(target, look, mount, doubt) is None
-    monkeypatch.setattr(following, "refine_or_reject", lambda *_: fit)
+    monkeypatch.setattr(following, "fit_by_edges", lambda *_: fit)
     assert held_pose(target, look, replace(mount, alone="left"), doubt) is None
     target.estimate = None
     assert held_pose(target, look, mount, doubt) is None
@@ -243,7 +243,7 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     tool_from_cyclopean = frames.rigid(np.eye(3), np.array([0.0, 0.0, -100.0]))
     at, own = frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0])), np.diag([0.01] * 3 + [1e-6] * 3)
     fit = Fit(frames.inverse(tool_from_cyclopean) @ at, own, 0.1, 9)
-    monkeypatch.setattr(following, "refine_or_reject", lambda *_: fit)
+    monkeypatch.setattr(following, "fit_by_edges", lambda *_: fit)
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
     grasped_so = HeldPart("cube", at, own + np.diag([0.09] * 3 + [0.0] * 3))
