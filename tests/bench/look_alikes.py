@@ -37,7 +37,7 @@ from daemon.vision.model.model import Model
 from daemon.vision.values import Scene
 from tests.bench.simulated_looks import true_rig
 from tests.fakes.distinguishable import TELLS_MM, telling_mm
-from tests.fakes.families import FAMILIES, Alike, alike
+from tests.fakes.families import FAMILIES, ConfusablePair, alike
 from tests.fakes.many_parts import taught
 from tests.fakes.photographed import Photograph, cell, photograph, seen_by_one
 
@@ -58,7 +58,7 @@ class Answer(NamedTuple):
     any, how sure and why; whether it is right, and how far its corners are off, mm; by how many mm of
     edge, of both cameras, the two differ there."""
 
-    pair: Alike
+    pair: ConfusablePair
     lies: int
     photo: Photograph
     mode: str
@@ -145,7 +145,7 @@ def answers(family: str, seed: int, modes: Sequence[str] = MODES, one_camera: bo
         yield _judged(pair, lies, mode, photo, scene, by_mm, ms)
 
 
-def shown(family: str, seed: int, one_camera: bool = False) -> tuple[Alike, int, Photograph]:
+def shown(family: str, seed: int, one_camera: bool = False) -> tuple[ConfusablePair, int, Photograph]:
     """The pair, which of it lies on the table, and what both cameras see; one_camera: a view of which one camera alone
     has a second facet. Raises LookupError where there is none."""
     pair = alike(family, seed)
@@ -155,19 +155,21 @@ def shown(family: str, seed: int, one_camera: bool = False) -> tuple[Alike, int,
     return pair, lies, photograph(shape, rng, partial(seen_by_one, shape) if one_camera else None)
 
 
-def _looked(pair: Alike, lies: int, mode: str, photo: Photograph) -> tuple[Scene, float]:
+def _looked(pair: ConfusablePair, lies: int, mode: str, photo: Photograph) -> tuple[Scene, float]:
     model = _model(pair, lies, mode)
     scene = look(photo.left, photo.right, true_rig(cell()), model, clock=time.process_time)
     return scene, 1000 * sum(scene.seconds.values())
 
 
-def _model(pair: Alike, lies: int, mode: str) -> Model:
+def _model(pair: ConfusablePair, lies: int, mode: str) -> Model:
     """What is taught in a mode."""
     known = {"both": pair.parts, "alone": (pair.parts[lies],), "stranger": (pair.parts[1 - lies],)}[mode]
     return taught(known)
 
 
-def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, by_mm: float, ms: float) -> Answer:
+def _judged(
+    pair: ConfusablePair, lies: int, mode: str, photo: Photograph, scene: Scene, by_mm: float, ms: float
+) -> Answer:
     """The name given; a wrong one where several are."""
     part = pair.parts[lies]
     corners = frames.apply(photo.cyclopean_from_part, part.shape.hull.vertices)

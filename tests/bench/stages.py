@@ -20,7 +20,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tests.bench.recognise_groups import test_folders, trained
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
@@ -29,6 +28,7 @@ from daemon.vision.image import stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise_groups
 from daemon.vision.refine import refined_parts
+from tests.bench.recognise import test_folders, trained
 from tests.fakes import rendered
 
 SETS = ("clean", "shadow", "textured", "multi")

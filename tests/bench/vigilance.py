@@ -25,7 +25,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from tests.bench.recognise_groups import matched, test_folders, trained
 
 from daemon.main import tame_malloc
 from daemon.vision.facets import facets_of_images
@@ -38,6 +37,7 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Scene
 from tests.bench.look_alikes import shown
 from tests.bench.many_parts import photographed
+from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.ablated import four_drawn, misled
