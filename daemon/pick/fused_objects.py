@@ -16,7 +16,7 @@ from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
-from daemon.vision.facets import FusedLooks, LookFacets, connected, fuse, group_of, merge_vertices, only
+from daemon.vision.facets import FusedLooks, LookFacets, connected, fuse, group_of, merge_vertices
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
 
@@ -208,7 +208,7 @@ def _share_in(ring: Array, outline: Array) -> float:
 
 def _whole(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     """Some of the facets, those together that share edges."""
-    return [[facets[k] for k in thing] for thing in only(fused, facets).connected_facets()] if facets else []
+    return [[facets[k] for k in thing] for thing in fused.only(facets).connected_facets()] if facets else []
 
 
 def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:

@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.teaching.closed_surface import in_triangles
 from daemon.teaching.mesh import STL_ROW
-from daemon.vision.facets import FusedLooks, only
+from daemon.vision.facets import FusedLooks
 from daemon.vision.geometry import Fits, Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_shared, type_facet
 
@@ -52,13 +52,13 @@ def learn_from_looks(fused: FusedLooks | None, table_mm: float, library: FacetLi
     doubt_mm = np.sqrt(np.trace(fused.polyhedron.covariance_mm2, axis1=1, axis2=2) / 3)
     closed = _closed_in(fused.polyhedron, table_mm)
     sure = [k for k, ring in enumerate(fused.polyhedron.rings) if doubt_mm[ring].max() < DOUBTFUL_MM]
-    part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in closed])
+    part = fused.only([k for k in sure if sides[k] >= LEAST_SEEN or k in closed])
     closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
-    part = only(part, [k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
+    part = part.only([k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
     whole = max(part.connected_facets(), key=len, default=[])
     if len(whole) < 2:
         raise TeachError("fewer than two sides of it were seen well enough; light it from above, from several sides")
-    part = only(part, whole)
+    part = part.only(whole)
     solid = part.polyhedron
     alone = [edge for edge in solid.edges if edge[::-1] not in solid.edges]
     table_edges = [edge for edge in alone if _at_table(solid, edge, table_mm)]

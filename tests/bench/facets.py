@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.candidates import choose, find_candidates, outlines_of
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings

@@ -21,7 +21,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.store.library import load_facets
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view

@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import FacetView
 from drivers.camera.pair import StereoPair

@@ -23,7 +23,8 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
-from daemon.vision.facets import candidates, corner_adjustment, merge_vertices, reconstruct
+from daemon.vision.facets import merge_vertices
+from daemon.vision.facets.one_look import candidates, corner_adjustment, reconstruct
 from daemon.vision.image import stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise_groups

@@ -17,7 +17,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.calibration.quick import Depth, QuickMeasurements, Width, calibrate_quick
 from daemon.store.library import load_facets
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry import Camera, StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import Model, TeachError, empty_model, learn_view

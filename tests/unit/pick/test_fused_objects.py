@@ -18,7 +18,7 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
-from daemon.vision.facets.fusing import FusedLooks
+from daemon.vision.facets.many_looks.fusing import FusedLooks
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model

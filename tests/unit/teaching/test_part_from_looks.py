@@ -10,7 +10,7 @@ import pytest
 from daemon.store.library import load_facets
 from daemon.teaching.mesh import read_mesh
 from daemon.teaching.part_from_looks import deviations, learn_from_looks, solid_from, solid_json, stl_of
-from daemon.vision.facets import FusedLooks, fuse, only
+from daemon.vision.facets import FusedLooks, fuse
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TeachError
 from tests.fakes.observed_around import DOUBT, solid, tour
@@ -44,7 +44,7 @@ def test_all_sides_but_the_one_it_lies_on_are_learnt(fused: FusedLooks) -> None:
 
 def test_a_missing_side_is_told_by_the_edges_it_leaves_open(fused: FusedLooks) -> None:
     upright = [k for k, ring in enumerate(fused.polyhedron.rings) if len(ring) == 4]
-    rest = only(fused, [k for k in range(len(fused.polyhedron.facets)) if k != upright[0]])
+    rest = fused.only([k for k in range(len(fused.polyhedron.facets)) if k != upright[0]])
     part = learn_from_looks(rest, fused.polyhedron.corners_mm[:, 2].min(), LIBRARY)
     assert sum(count for _, count in part.open_edges) + part.table_edges == part.solid.open_edges
 

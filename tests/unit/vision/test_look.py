@@ -19,7 +19,7 @@ from daemon.calibration.file import Calibration, save_calibration
 from daemon.ctl import main
 from daemon.store.library import load_facets
 from daemon.vision.draw import draw_scene
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.hypotheses.junctions import junction_kinds, taught_junctions
 from daemon.vision.hypotheses.resting_junctions import resting_junctions_of
 from daemon.vision.hypotheses.resting_poses import resting_planes_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.values import FacetView
 from tests.fakes import rendered
 

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.facets import find_facets
-from daemon.vision.facets.arc_rings import round_facets
+from daemon.vision.facets.one_look.arc_rings import round_facets
 from daemon.vision.geometry import Hole, Polyhedron, circle_along, exact, newell_normal
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view, symmetries, types_of

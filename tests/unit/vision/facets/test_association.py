@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.vision.facets.association import connected_by_marks, drop_contradicted, match_corners, match_facets
+from daemon.vision.facets.many_looks.association import (
+    connected_by_marks,
+    drop_contradicted,
+    match_corners,
+    match_facets,
+)
 
 SQUARE = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
 RING = [(0, 1, 2, 3)]

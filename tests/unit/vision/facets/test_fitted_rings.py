@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
-from daemon.vision.facets.fitted_rings import FittedRing
+from daemon.vision.facets.one_look.fitted_rings import FittedRing
 
 NO_CENTRE = [np.nan, np.nan]
 

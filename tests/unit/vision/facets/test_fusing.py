@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets import FusedLooks, LookFacets, fuse, group_of, merge_vertices, only
+from daemon.vision.facets import FusedLooks, LookFacets, fuse, group_of, merge_vertices
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
 from tests.fakes.observed_around import DOUBT, beside_truth, looked_at, place, solid, tour
@@ -167,7 +167,7 @@ def test_a_facet_that_one_look_put_together_wrongly_spoils_none(seed: int) -> No
     others = [one for k, one in enumerate(group.facets) if k != top]
     bad = merge_vertices([replace(facet, corners_mm=wrong)]), *([merge_vertices(others)] if others else [])
     fused = known([replace(looks[0], groups=tuple(bad)), *looks[1:]])
-    kept = only(fused, np.flatnonzero(fused.confirmed).tolist())
+    kept = fused.only(np.flatnonzero(fused.confirmed).tolist())
     assert len(kept.polyhedron.facets) == 5
     assert lengths_off(kept, solid(CUBE)).max() < 0.3
 
@@ -188,7 +188,7 @@ def test_two_things_in_view_stay_two() -> None:
         looks.append(replace(a, groups=a.groups + b.groups, covariance=DOUBT.arm()))
     fused = known(looks)
     assert sorted(len(members) for members in fused.connected_facets()) == [4, 5]
-    cube = only(fused, max(fused.connected_facets(), key=len))
+    cube = fused.only(max(fused.connected_facets(), key=len))
     assert len(cube.polyhedron.corners_mm) == 8
     assert cube.covariance_mm2.shape == (24, 24)
     assert cube.seen.shape == (4, 5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.facets.looks_adjustment import LookCorners, adjust_looks, shared_motion
+from daemon.vision.facets.many_looks.looks_adjustment import LookCorners, adjust_looks, shared_motion
 from tests.fakes.observed_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
 from tests.fakes.solids import CUBE
 

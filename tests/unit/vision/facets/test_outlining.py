@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.vision.facets.outlining import Plane, assumed_plane, fit_facet_plane, outlines
+from daemon.vision.facets.many_looks.outlining import Plane, assumed_plane, fit_facet_plane, outlines
 from daemon.vision.geometry import Polyhedron
 from tests.fakes.observed_around import solid
 from tests.fakes.solids import CUBE, L_BASE, prism

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import PolygonMatch, in_both, match_polygons, outlines_of
-from daemon.vision.facets.corner_adjustment import EdgeObservations, solve_corners
 from daemon.vision.facets.grouping import lying_under
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.one_look.candidates import PolygonMatch, in_both, match_polygons, outlines_of
+from daemon.vision.facets.one_look.corner_adjustment import EdgeObservations, solve_corners
+from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig, baseline
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import VisionSettings

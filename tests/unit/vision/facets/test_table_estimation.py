@@ -8,8 +8,8 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import table_estimation
-from daemon.vision.facets.table_estimation import estimate_table, plane_of_most
+from daemon.vision.facets.one_look import table_estimation
+from daemon.vision.facets.one_look.table_estimation import estimate_table, plane_of_most
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import baseline
 from daemon.vision.image.stereo_images import open_stereo

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Flags
-from daemon.vision.facets.arc_rings import is_hole_in, round_facets
-from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
-from daemon.vision.facets.corner_adjustment import adjust_corners
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
+from daemon.vision.facets.one_look.arc_rings import is_hole_in, round_facets
+from daemon.vision.facets.one_look.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
+from daemon.vision.facets.one_look.corner_adjustment import adjust_corners
 from daemon.vision.geometry import Baseline, StereoRig, rings
 from daemon.vision.image import Outline, StereoImages, open_stereo
 from daemon.vision.settings import VisionSettings

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import Candidate, candidates
-from daemon.vision.facets.circles import MeasuredCircle, find_circles
-from daemon.vision.facets.fitted_rings import FittedRing, fitted_rings
+from daemon.vision.facets.one_look.candidates import Candidate, candidates
+from daemon.vision.facets.one_look.circles import MeasuredCircle, find_circles
+from daemon.vision.facets.one_look.fitted_rings import FittedRing, fitted_rings
 from daemon.vision.geometry import axes_in, chord_turns, fit_plane, is_simple, rings
 from daemon.vision.image import Fitted, StereoImages, fit_sides, met_covariance, sweep_of
 from daemon.vision.settings import VisionSettings

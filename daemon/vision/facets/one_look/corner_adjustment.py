@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon.arrays import Array, Index
-from daemon.vision.facets.candidates import Candidate
+from daemon.vision.facets.one_look.candidates import Candidate
 from daemon.vision.geometry import Baseline, RectifiedCamera, robust_weight, solve, whitener
 from daemon.vision.image import Sides
 from daemon.vision.values import Group

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array, Flags, Real
-from daemon.vision.facets.circles import FARTHEST_MM, NEAREST_MM
+from daemon.vision.facets.one_look.circles import FARTHEST_MM, NEAREST_MM
 from daemon.vision.geometry import Baseline, RectifiedCamera, axes_in, fit_circle, fit_plane, robust_weight, solve
 from daemon.vision.image import RoughPolygon, StereoImages, levels_across, peak_places, peaks, slopes_across
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from daemon.arrays import Array, Index
 from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.looks_adjustment import LEAST_MM2
+from daemon.vision.facets.many_looks.looks_adjustment import LEAST_MM2
 from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal, off_segments
 
 Ring = tuple[int, ...]

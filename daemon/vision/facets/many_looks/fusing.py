@@ -4,6 +4,8 @@ Each look's place is free within what the arm errs anew, all share one error of 
 several sides tell, and a facet's corners lie in one plane. Nothing is named; from where to look next is not asked.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -12,7 +14,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets.association import (
+from daemon.vision.facets.grouping import connected
+from daemon.vision.facets.many_looks.association import (
     OF_SHORTEST,
     Pieces,
     Ring,
@@ -21,9 +24,14 @@ from daemon.vision.facets.association import (
     match_corners,
     match_facets,
 )
-from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.looks_adjustment import LEAST_MM2, FusedCorners, LookCorners, adjust_looks, shared_motion
-from daemon.vision.facets.outlining import LEAST_SINE, Plane, assumed_plane, fit_facet_plane, outlines
+from daemon.vision.facets.many_looks.looks_adjustment import (
+    LEAST_MM2,
+    FusedCorners,
+    LookCorners,
+    adjust_looks,
+    shared_motion,
+)
+from daemon.vision.facets.many_looks.outlining import LEAST_SINE, Plane, assumed_plane, fit_facet_plane, outlines
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity, sides_of
 from daemon.vision.values import Facet, Group
 
@@ -82,6 +90,18 @@ class FusedLooks:
     def connected_facets(self) -> list[list[int]]:
         """Facets that hang together by shared edges."""
         return connected(self.polyhedron.touching)
+
+    def only(self, facets: Sequence[int]) -> FusedLooks:
+        """The same looks with some of the facets, by number, and their corners."""
+        corners = self.polyhedron.corners_of(facets)
+        at = (3 * corners[:, None] + np.arange(3)).ravel()
+        return replace(
+            self,
+            polyhedron=self.polyhedron.only(facets),
+            covariance_mm2=self.covariance_mm2[np.ix_(at, at)],
+            outlined_mm2=self.outlined_mm2[:, list(facets)],
+            looks_at=self.looks_at[corners],
+        )
 
 
 def fuse(looks: Sequence[LookFacets], shared: Array, table_mm: float | None = None) -> FusedLooks | None:
@@ -237,19 +257,6 @@ def group_of(fused: FusedLooks, members: Sequence[int], cyclopean_from_base: Arr
     return Group(tuple(facets), tuple(solid.facets[k] for k in members))
 
 
-def only(fused: FusedLooks, members: Sequence[int]) -> FusedLooks:
-    """What is known, of some of its facets alone."""
-    corners = fused.polyhedron.corners_of(members)
-    at = (3 * corners[:, None] + np.arange(3)).ravel()
-    return replace(
-        fused,
-        polyhedron=fused.polyhedron.only(members),
-        covariance_mm2=fused.covariance_mm2[np.ix_(at, at)],
-        outlined_mm2=fused.outlined_mm2[:, list(members)],
-        looks_at=fused.looks_at[corners],
-    )
-
-
 def _rings(groups: Sequence[Group]) -> list[Ring]:
     """All facets of a look, their corners numbered through."""
     found, first = list[Ring](), 0
@@ -307,4 +314,4 @@ def _fused(
     blocks = whole.covariance_mm2.reshape(len(here), 3, len(here), 3)[here, :, here, :]
     solid = Polyhedron(whole.corners_mm, tuple(ring for _, ring in kept), blocks)
     every = FusedLooks(tuple(looks), whole.places, solid, whole.covariance_mm2, seen, measured, whole.misfit)
-    return only(every, range(len(kept)))
+    return every.only(range(len(kept)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Index
-from daemon.vision.facets.corner_adjustment import flatness, planes_by_size
+from daemon.vision.facets.one_look.corner_adjustment import flatness, planes_by_size
 from daemon.vision.geometry import robust_weight, solve, whitener
 
 OUTLIER = 8.0  # sigmas off at which a corner counts a quarter: three residuals each, of errors that are predicted well

@@ -1,0 +1,1 @@
+"""Facets of several looks from different places, matched and adjusted together into one partial polyhedron."""
