@@ -54,7 +54,8 @@ class PoseEquations:
 
 
 def pose_equations(jacobian: Array, residuals: Array, parameters: Array, rows: Sequence[slice]) -> list[PoseEquations]:
-    """Of a problem with SHARED parameters, then 6 a pose, whose corners are rows[k], in standard deviations."""
+    """Return the normal equations of each pose, of a problem with SHARED parameters, then 6 a pose, whose corners are
+    rows[k], in standard deviations."""
     found = []
     for k, there in enumerate(rows):
         own = slice(SHARED + 6 * k, SHARED + 6 * k + 6)

@@ -230,7 +230,7 @@ def _starts(convention: Convention, start_count: int, readings: _Readings) -> It
 
 
 def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
-    """For (M, N, 3, 3) flange hypotheses: joint 1's zero (M,), the tool's rotation (M, 3, 3), and the misfit (M,).
+    """Return joint 1's zero (M,), the tool's rotation (M, 3, 3), and the misfit (M,) of (M, N, 3, 3) flange hypotheses.
 
     From turns[i] = Rz(z1) flange[i] tool follows turns[i] turns[j]^T = Rz(z1) flange[i] flange[j]^T Rz(-z1): the
     horizontal parts of the rotation axes give z1, and then the tool follows.
@@ -331,8 +331,8 @@ def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
 
 
 def _canonical(model: _Model, readings: _Readings) -> _Model:
-    """Of the equivalent descriptions of a geometry, that of our table: a2 and d4 forward, a3 not negative (or, where it
-    is zero, joint 1 counted from the front), the tool ahead of the wrist, joint 4 within a quarter turn."""
+    """Choose of the equivalent descriptions of a geometry that of our table: a2 and d4 forward, a3 not negative (or,
+    where it is zero, joint 1 counted from the front), the tool ahead of the wrist, joint 4 within a quarter turn."""
     x, signs = model.parameters.copy(), list(model.convention.signs)
     if x[8] < 0:  # the forearm is counted backward
         x[2], x[4] = x[2] + np.pi, x[4] - np.pi
@@ -364,7 +364,7 @@ def _canonical(model: _Model, readings: _Readings) -> _Model:
 
 
 def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
-    """The same arm described from behind: front and back exchanged."""
+    """Describe the same arm from behind: front and back exchanged."""
     turned = x.copy()
     turned[:4] = x[0] + np.pi, np.pi - x[1], -x[2], x[3] - np.pi
     turned[6:8] = -x[6:8]
@@ -372,7 +372,7 @@ def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
 
 
 def _out_of_range(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -> tuple[float, bool]:
-    """How far joints 1 to 3 are out of a PUMA's ranges at the readings; and whether joint 1's zero is behind."""
+    """Return how far joints 1 to 3 are out of a PUMA's ranges at the readings; and whether joint 1's zero is behind."""
     convention = Convention(tuple(signs), model.convention.against_horizon)
     q1, q2, q23, *_ = (np.median(each) for each in arm_angles(x[None, :5], convention, readings.printed))
     angles = _wrapped(np.array([q1, q2, q23 - q2]) - RANGE_MIDDLE_RAD)

@@ -26,7 +26,7 @@ DICTIONARIES = tuple(
 
 
 def dictionary_named(name: str) -> cv2.aruco.Dictionary:
-    """One of DICTIONARIES."""
+    """Return one of DICTIONARIES by name."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 

@@ -299,7 +299,7 @@ def _markers_in(image: Grey, name: str, most: int) -> tuple[NDArray[np.int64], A
 
 
 def smallest_dictionary(family: tuple[str, ...], count: int, named: str) -> list[str]:
-    """Of a family of dictionaries: the named one, or the smallest with so many markers."""
+    """Return of a family of dictionaries the named one, or the smallest with so many markers."""
     if named in family:
         return [named]
     for name in family:
@@ -309,7 +309,7 @@ def smallest_dictionary(family: tuple[str, ...], count: int, named: str) -> list
 
 
 def markers_agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
-    """How many markers fit a board of this size and layout, which numbers them along its white squares."""
+    """Count the markers that fit a board of this size and layout, which numbers them along its white squares."""
     places = marker_squares(columns, rows, legacy)
     if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):
         return 0

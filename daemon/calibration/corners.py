@@ -125,7 +125,7 @@ def _step(
     start_px: Array,
     rim: int,
 ) -> tuple[Array, float, float]:
-    """One Gauss-Newton step: (corner, misfit, increase of the blur's variance in px^2)."""
+    """Make one Gauss-Newton step: (corner, misfit, increase of the blur's variance in px^2)."""
     reach = (int(np.sqrt(len(inside))) - 1) // 2
     whole = np.round(corner_px).astype(int)
     x, y = np.clip(whole + rim, reach, np.array(grey.shape[::-1]) - reach - 1)

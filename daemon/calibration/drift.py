@@ -127,7 +127,8 @@ def _mean_updated(state: DriftState, clue: Clue, updating: NDArray[np.bool_], se
 
 
 def _drifted_axes(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
-    """Which axes have drifted: beyond `sigmas` standard deviations of the difference of the means, and `least_deg`."""
+    """Return which axes have drifted: beyond `sigmas` standard deviations of the difference of the means, and
+    `least_deg`."""
     recent = np.maximum(state.recent_information, 1e-30)
     sigma = _scale(state) * np.sqrt(state.recent_squares / recent**2 + 1 / np.maximum(state.information, 1e-30))
     limit = np.maximum(settings.sigmas * sigma, np.radians(settings.least_deg))

@@ -81,12 +81,12 @@ class HandEyeResult:
 
     @property
     def sigma_mm(self) -> float:
-        """One standard deviation of the place, over all three axes."""
+        """Standard deviation of the place, mm, over all three axes."""
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))
 
     @property
     def sigma_deg(self) -> float:
-        """One standard deviation of the orientation, over all three axes."""
+        """Standard deviation of the orientation, degrees, over all three axes."""
         return frames.rms_deg(self.covariance[3:, 3:])
 
     @property

@@ -85,7 +85,7 @@ def error_mm(setup: Setup, total: Array) -> Array:
 def most_informative(
     setup: Setup, poses: Sequence[Array] | Array, count: int, allowed: Callable[[Array], bool], done: Sequence[Array]
 ) -> list[int]:
-    """Which of the poses world_from_tool to view from: at most `count` allowed ones, each the one that leaves the least
+    """Choose the poses world_from_tool to view from: at most `count` allowed ones, each the one that leaves the least
     error after those done and all chosen before. Calls `allowed` only for a pose that it would choose next."""
     adds, in_view = information(setup, poses)
     total = information(setup, done)[0].sum(axis=0)

@@ -126,7 +126,7 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:
-    """Without the old hand-eye, which is of another cyclopean frame."""
+    """Return the calibration with this rig and without the old hand-eye, which is of another cyclopean frame."""
     if before is not None and before.hand_eye is not None:
         print("the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next")
     return Calibration(rig, None, Quality(method="imported"))

@@ -36,7 +36,7 @@ class ImplausibleCamera:
 
 
 def implausible_rig(rig: StereoRig) -> Iterator[ImplausibleCamera]:
-    """What no pair of cameras on a gripper could have, the most specific cause first."""
+    """Return what no pair of cameras on a gripper could have, the most specific cause first."""
     yield from _order(rig)
     yield from _baseline(rig)
     for name, camera in (("left", rig.left), ("right", rig.right)):
@@ -129,7 +129,8 @@ def _folds(camera: Camera, size: tuple[int, int]) -> bool:
 
 
 def changed_parameters(rig: StereoRig, before: StereoRig) -> list[str]:
-    """What differs from the calibration that is replaced although the same cameras would keep it, a line each."""
+    """Return what differs from the calibration that is replaced although the same cameras would keep it, a line
+    each."""
     lines = []
     if rig.image_size != before.image_size:
         lines.append(

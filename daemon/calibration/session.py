@@ -198,7 +198,8 @@ class FurtherView:
 def best_further_view(
     views: Sequence[BoardView], board: Board, calibration: Calibration, arm: ArmError, reach: Reach
 ) -> FurtherView | None:
-    """For the calibration that the views gave. None where the arm reaches no further pose around the board."""
+    """Find the further view that would improve most on the calibration that these views gave. None where the arm
+    reaches no further pose around the board."""
     setup = setup_of(views, board, calibration, arm)
     looks = _around(views[-1], board, calibration)
     tools = _tool_at(np.array(looks), views[-1], calibration)
@@ -215,8 +216,8 @@ def best_further_view(
 
 
 def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration, arm: ArmError) -> Setup:
-    """What further poses are judged by: the hand-eye of the calibration, the board where the last view shows it, and
-    parts as far away as the board."""
+    """Return the setup that further poses are rated by: the hand-eye of the calibration, the board where the last view
+    shows it, and parts as far away as the board."""
     assert calibration.hand_eye is not None
     away_mm = float(np.median([cyclopean_from_board(sample_of(v, board), calibration.rig)[2, 3] for v in views]))
     return Setup(
@@ -232,8 +233,8 @@ def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration,
 
 
 def board_capsules(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
-    """What the guard is to know of the board in the gripper: its corners with a margin for print and plate, and for a
-    hand-eye by ruler."""
+    """Return the capsules that the guard is to keep clear for the board in the gripper: its corners with a margin for
+    print and plate, and for a hand-eye by ruler."""
     board = session.board
     low, high = (np.array(end(board.points_mm(), axis=0)) for end in (np.min, np.max))
     margin = np.array([MARGIN_SQUARES * board.square_mm] * 2 + [PLATE_MM])

@@ -78,7 +78,7 @@ def choose_spread(poses: Sequence[Array], count: int, allowed: Callable[[Array],
 
 
 def shortest_order(poses: Sequence[Array], start: Array) -> list[Array]:
-    """The same poses ordered for short moves: always the nearest next."""
+    """Order the poses for short moves: always the nearest next."""
     remaining, ordered, here = list(poses), list[Array](), start
     while remaining:
         k = int(np.argmin([_gap(p, here) for p in remaining]))

@@ -122,7 +122,7 @@ class CommandContext:
             self.notices.tell(f"Auto has ended: {self.auto_end(auto.result())}", NoticeLevel.OUTCOMES)
 
     def auto_end(self, ends: list[CycleEnd]) -> str:
-        """How the last auto ended, such as `2 parts picked; the table is empty.`."""
+        """The end of the last auto in words, such as `2 parts picked; the table is empty.`."""
         picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._begun.count
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
         if (fault := self.cycle.supervisor.permission.fault) is not None:

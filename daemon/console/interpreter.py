@@ -285,7 +285,7 @@ class Interpreter:
 
     @property
     def stops(self) -> int:
-        """How often the arm was stopped or disabled: a command typed before the last of these is void."""
+        """The number of stops and disables so far: a command typed before the last of these is void."""
         return self.context.cycle.supervisor.stops
 
     @property

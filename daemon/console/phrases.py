@@ -43,7 +43,7 @@ def cut_off(pick_order: PickOrder) -> str:
 
 
 def as_left(left: RecoveryState) -> str:
-    """How the previous run ended, and what the operator must do."""
+    """Describe how the previous run ended, and what the operator must do."""
     what = f"the previous run, {left.run}, " + (
         "ended" if left.ended else f"was interrupted in state {left.state or 'unknown'}"
     )

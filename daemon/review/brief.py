@@ -41,7 +41,7 @@ BULKY = frozenset({"scene", "health", "images", "target", "joints", "covariance"
 
 
 def _line() -> Any:
-    """One structure with the fields of every kind; fields that a line does not have stay out of its record."""
+    """Define one structure with the fields of every kind; fields that a line does not have stay out of its record."""
     types: dict[str, Any] = {}
     for shape in SCHEMA.values():
         hints = get_type_hints(shape, include_extras=True)

@@ -64,8 +64,8 @@ def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
 
 
 def _home(folder: Path) -> Path:
-    """Where a page goes unless --out names it: into the folder itself; where only the daemon may write there, into the
-    current folder."""
+    """Return where a page goes unless --out names it: into the folder itself; where only the daemon may write there,
+    into the current folder."""
     return folder if os.access(folder, os.W_OK) else Path()
 
 
@@ -118,7 +118,7 @@ def _tail(args: argparse.Namespace) -> int:
 
 
 def record_line(record: Record, utc_offset_s: float = 0.0) -> str | None:
-    """One line about a record for people, in their local time, or None for a record of no interest to them."""
+    """Format a record as one line for people, in their local time; None for a record of no interest to them."""
     words = record_words(record)
     if words is None:
         return None

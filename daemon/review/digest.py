@@ -118,7 +118,7 @@ class Cycle:
 
     @property
     def started(self) -> str:
-        """When it began, ISO UTC."""
+        """The time when it began, ISO UTC."""
         return str(self.records[0].get("t") or "")
 
     @property

@@ -143,7 +143,7 @@ def tables(run: Digest, cell: str) -> dict[str, tuple[tuple[str, ...], list[Row]
 
 
 def cycle_rows(run: Digest, cell: str) -> list[Row]:
-    """One row a cycle, with CYCLE_COLUMNS."""
+    """Return one row a cycle, with CYCLE_COLUMNS."""
     plain = (
         *("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why"),
         *("model", "calibration"),
@@ -157,7 +157,7 @@ def cycle_rows(run: Digest, cell: str) -> list[Row]:
 
 
 def look_rows(run: Digest, cell: str) -> list[Row]:
-    """One row a look, with LOOK_COLUMNS."""
+    """Return one row a look, with LOOK_COLUMNS."""
     estimates = {id(s.look): s.estimate or {} for s in run.stops}
     return [_look_row(look, estimates.get(id(look), {}), cell, run.name) for look in run.of("look")]
 

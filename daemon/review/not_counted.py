@@ -22,7 +22,7 @@ def picks_not_counted(cycle: Cycle) -> list[Record]:
 
 
 def not_counted_text(miss: Record) -> str:
-    """One pick not counted, in words."""
+    """Describe one pick not counted."""
     return f"`{miss.get('why')}`, but a later look at the table did not find it: likely in the bin, and not counted"
 
 

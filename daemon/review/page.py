@@ -81,7 +81,7 @@ def _before(folder: Path) -> dict[str, Any]:
 
 
 def run_time(name: str) -> datetime | None:
-    """When a run began (UTC), from its name; None where the name is not a time."""
+    """Return when a run began (UTC), from its name; None where the name is not a time."""
     try:
         return datetime.strptime(name[:16], "%Y%m%dT%H%M%SZ")
     except ValueError:
@@ -178,7 +178,8 @@ def embedded(jpeg: bytes) -> str:
 
 
 def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
-    """One entry each for config, calibration and model: both hashes, and the differing lines of the text files."""
+    """Return one entry each for config, calibration and model: both hashes, and the differing lines of the text
+    files."""
     entries = []
     for name in ("config", "calibration"):
         files = [(d.start or {}).get(name) for d in (before, after)]

@@ -66,7 +66,7 @@ def shown_of(digest: Digest) -> Digest:
 
 
 def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
-    """One row of the table of cycles, with its details."""
+    """Return one row of the table of cycles, with its details."""
     others = [c for c in all_of_run if c is not cycle] if not is_success(cycle.outcome) else []
     found = causes(cycle, others, going)
     return {
@@ -108,7 +108,7 @@ def _decided(record: Record) -> Json:
 
 
 def stop_json(stop: LookStep) -> Json:
-    """One look: parts and refusals in pixels of both images, the estimate, the moves after it."""
+    """Return one look as JSON values: parts and refusals in pixels of both images, the estimate, the moves after it."""
     look, estimate, scene = stop.look, stop.estimate, stop.scene
     return {
         "n": stop.number,
@@ -199,7 +199,7 @@ def median_state_seconds(cycles: Sequence[Cycle]) -> dict[str, float]:
 
 
 def timeline(digest: Digest) -> list[Json]:
-    """One bar a cycle, in seconds from the run's start."""
+    """Return one bar a cycle, in seconds from the run's start."""
     if not digest.records:
         return []
     zero = float(digest.records[0]["mono_s"])

@@ -193,7 +193,7 @@ def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json
 
 
 def shares_apart(one: Sequence[int], other: Sequence[int]) -> tuple[float, float]:
-    """How much larger the second of two shares [part, of] is, and the standard error of that difference."""
+    """Return how much larger the second of two shares [part, of] is, and the standard error of that difference."""
     pooled = (one[0] + other[0]) / (one[1] + other[1])
     sigma = float(np.sqrt(pooled * (1 - pooled) * (1 / one[1] + 1 / other[1])))
     return other[0] / other[1] - one[0] / one[1], sigma

@@ -77,6 +77,6 @@ def _seen(part: dict[str, Any]) -> str:
 
 
 def ended_in_words(end: Record | None) -> str | None:
-    """How a run ended, from its `run_end`; None where it has none."""
+    """Describe how a run ended, from its `run_end`; None where it has none."""
     why = (end or {}).get("why")
     return "switched off" if why == "signal SIGTERM" else why

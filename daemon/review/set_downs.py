@@ -86,8 +86,8 @@ def last_of_each(run: Digest) -> list[Json]:
 
 
 def placing_figures(made: Iterable[PartSetDown]) -> list[Json]:
-    """For each part and place, a pattern before its places: number of set-downs looked at, number seen right, median
-    and 95th percentile of the deviation, mm and degrees (None without any)."""
+    """Return for each part and place, a pattern before its places: number of set-downs looked at, number seen right,
+    median and 95th percentile of the deviation, mm and degrees (None without any)."""
     by_place: dict[tuple[str, str], list[PartSetDown]] = {}
     for each in made:
         if each.status in LOOKED_AT:

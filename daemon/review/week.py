@@ -69,7 +69,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
 
 
 def run_json(run: Digest) -> Json:
-    """One run as a point of each trend; None without data."""
+    """Return one run as a point of each trend; None without data."""
     looks = [r.get("health") or {} for r in run.of("look")]
     return {
         "run": run.name,

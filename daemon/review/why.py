@@ -116,7 +116,7 @@ PLANNED = (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH, CauseC
 
 
 def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """What the guard refused, and why a part was unreachable."""
+    """Find what the guard refused, and why a part was unreachable."""
     if cycle.outcome not in (Outcome.UNREACHABLE, Outcome.FAULT, UNFINISHED):
         return
     for record in cycle.of("refusal"):
@@ -166,7 +166,7 @@ def all_seem_to_move(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def _cameras_disagree(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """Both cameras see outlines that do not match, although they did before; a table's pattern need not match."""
+    """Find outlines of both cameras that do not match, although they did before; a table's pattern need not match."""
     patterned = sum(map(_patterned, cycle.stops))
     unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES and not _patterned(s)]
     if patterned and not unmatched and cycle.code == CauseCode.UNMATCHED_OUTLINES:

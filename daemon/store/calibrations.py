@@ -62,7 +62,7 @@ class Calibrations:
         return sorted(number for number in numbers if number is not None)
 
     def made(self, number: int) -> str:
-        """When the file of a number was written, UTC."""
+        """Return when the file of a number was written, UTC."""
         seconds = self.path(number).stat().st_mtime
         return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="minutes")[:16].replace("T", " ")
 

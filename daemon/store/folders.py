@@ -86,7 +86,7 @@ def state_last_used() -> Path:
 
 
 def _began_s(state: Path) -> float:
-    """When the newest run in a state folder began; 0 where that cannot be seen."""
+    """Return when the newest run in a state folder began; 0 where that cannot be seen."""
     try:
         return (state / "runs").stat().st_mtime
     except OSError:

@@ -158,7 +158,8 @@ def load(path: Path) -> Model:
 
 
 def load_file(path: Path, expected: str | None = None) -> ModelFile:
-    """As `load`, with the rest of the file. expected: its sha256; ModelError where the file has been replaced."""
+    """Load a model as `load` does, with the rest of the file. expected: its sha256; ModelError where the file has been
+    replaced."""
     content = read_file(path, LARGEST_FILE)
     try:
         file = replace(from_bytes(content), path=path)

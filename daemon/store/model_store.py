@@ -54,7 +54,7 @@ class StoredView:
 
     @property
     def name(self) -> str:
-        """For people: cube/3."""
+        """The name for people: cube/3."""
         return f"{self.label}/{self.number}"
 
     @property
@@ -199,7 +199,7 @@ class ModelStore:
         return sorted(number for number in numbers if number is not None)
 
     def summary(self, version: int) -> ModelSummary:
-        """What a version's file holds, without raising."""
+        """Summarise a version's file, without raising."""
         try:
             file = self.load(version)
         except FileError as error:

@@ -244,7 +244,7 @@ def _point(values: Array) -> Point:
 
 
 def _moved(state: _State, now: PlaceSpot) -> str:
-    """How the place's pose differs from when its status was stored, as text; empty: within its tolerance."""
+    """Say how the place's pose differs from when its status was stored; empty: within its tolerance."""
     before, was = state.spot, f"it was {state.status}"
     if before is None:
         return f"{was} under an earlier release, which did not keep where"

@@ -41,7 +41,7 @@ def _axis(direction: Array) -> str:
 
 
 def _held(solid: Polyhedron, opening_mm: float) -> str:
-    """Between which flat facets a gripper can hold it."""
+    """Say between which flat facets a gripper can hold the part."""
     widths = sorted({round(width, 1) for width in _widths(solid)})
     fitting = [f"{width:g}" for width in widths if width < opening_mm]
     if fitting:

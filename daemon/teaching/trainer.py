@@ -112,7 +112,7 @@ class Trainer:
         self._in_use: ModelRecogniser | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a worker process needs: all but the model in use."""
+        """Return what a worker process needs: all but the model in use."""
         return {key: value for key, value in vars(self).items() if key not in ("model", "_file", "_in_use")}
 
     @property
@@ -157,7 +157,7 @@ class Trainer:
         return self.model_store.add_view(label, left, right, note)
 
     def drawing_conflict(self, label: str, name: str, content: bytes, unit: str) -> str | None:
-        """What to ask a person before a drawing is stored under a label: it exists already, under this label or
+        """Return what to ask a person before a drawing is stored under a label: it exists already, under this label or
         another, or differs from the known shape. Raises MeshError, FileError."""
         for view in self.model_store.views():
             with contextlib.suppress(FileError):  # one that cannot be read any more is not this one
@@ -355,15 +355,15 @@ def teaching_note(
 
 
 def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
-    """For each facet of a part the side of the taught one at that place."""
+    """Return for each facet of a part the side of the taught one at that place; None where there is none."""
     centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
     apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
 def _another_shape(label: str, taught: Polyhedron, drawn: Polyhedron) -> str | None:
-    """How a drawing differs from the known part: more facets of one kind were seen than are drawn, or corners were seen
-    farther apart. None where it may be the same."""
+    """Say how a drawing differs from the known part: more facets of one kind were seen than are drawn, or corners were
+    seen farther apart. None where it may be the same."""
     lacking = Counter(taught.types) - Counter(drawn.types)
     sizes = taught.size_mm, drawn.size_mm
     sizes_text = (

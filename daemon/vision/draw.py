@@ -119,12 +119,12 @@ def _framed(body: Picture, scene: Scene) -> Picture:
 
 
 def _guess_line(guess: NearestGuess) -> str:
-    """In a line."""
+    """Describe a guess in a line."""
     return f"nearest is {guess.label}: {guess.share:.0%} of its edges show (drawn through), the others do not (dashed)"
 
 
 def _refusals(scene: Scene) -> list[str]:
-    """One line a reason and camera, with the numbers of the candidates it was given for."""
+    """Return one line a reason and camera, with the numbers of the candidates it was given for."""
     numbers: dict[str, list[str]] = {}
     for n, refused in enumerate(scene.rejected, 1):
         numbers.setdefault(f"{refused.camera}: {refused.reason}", []).append(f"x{n}")

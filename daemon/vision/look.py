@@ -110,8 +110,8 @@ def _refine_and_verify(
     taught: Model,
     images: StereoImages,
 ) -> tuple[Recognised, ...]:
-    """What has a name, where its edges have it, as what edges named is already; without its name where too much of what
-    it should show is missing. What was verified before stays as it is."""
+    """Refine named parts to where their edges are, as those that edges named already are; remove the name of one that
+    lacks too much of what it should show. What was verified before stays as it is."""
     new = [one for one in recognised if one not in verified]
     parts = refined_parts([one.part for one in new], taught, images, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
@@ -131,8 +131,8 @@ class _FacetResult(NamedTuple):
 def _recognise_by_facets(
     images: StereoImages, effort: VisionSettings, taught: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _FacetResult:
-    """What facets name with some effort. Those with arcs are looked for where nothing is taught, to be taught: what is
-    taught with arcs is named by its edges, with or without them."""
+    """Recognise groups of facets found with some effort. Those with arcs are looked for where nothing is taught, to be
+    taught: what is taught with arcs is named by its edges, with or without them."""
     all_facets = facets_of_images(images, effort, [] if taught.labels else round_facets(images, effort))
     start = now()
     view = all_facets if table is None else without_table(all_facets, table)
@@ -147,7 +147,7 @@ def _needs_fine_search(recognised: tuple[Recognised, ...]) -> bool:
 
 
 def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictures: Pictures) -> tuple[str, ...]:
-    """What a person should know besides the parts: why something is not named, or why nothing is seen."""
+    """Return notes for people besides the parts: why something is not named, or why nothing is seen."""
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
     silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if not p.named)

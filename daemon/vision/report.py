@@ -25,7 +25,7 @@ def scene_json(scene: Scene) -> dict[str, Any]:
 
 
 def part_json(part: Part) -> dict[str, Any]:
-    """One part; corners_mm are the most likely ones, measured_mm what was triangulated."""
+    """Return one part as JSON values; corners_mm are the most likely ones, measured_mm what was triangulated."""
     named = part.recognition
     fitted = part.fitted_mm or tuple(f.corners_mm for f in part.facets)
     return {

@@ -118,7 +118,7 @@ class FacetView:
 
     @property
     def outlines(self) -> tuple[int, int]:
-        """How many outlines the left and the right image show, used or refused."""
+        """The number of outlines of the left and the right image, used or refused."""
         refused = Counter(r.camera for r in self.rejected)
         return len(self.polygons_left) + refused["left"], len(self.polygons_right) + refused["right"]
 
@@ -209,7 +209,7 @@ class NearestGuess:
 
     @property
     def share(self) -> float:
-        """How much of its edges, by length over both cameras, shows."""
+        """The share of its edges, by length over both cameras, that shows."""
         ends = np.concatenate([self.left_px, self.right_px])
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         shows = np.concatenate([self.left_shows, self.right_shows])

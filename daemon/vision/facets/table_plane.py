@@ -31,12 +31,12 @@ class TablePlane:
         return bool(np.all(np.abs(heights) < FLAT_MM + SIGMAS * sigma))
 
     def json(self) -> dict[str, Any]:
-        """As JSON values; `table_of` reads them."""
+        """Return the plane as JSON values; `table_of` reads them."""
         return {"up": self.up.tolist(), "level_mm": self.level_mm}
 
 
 def table_of(json: Mapping[str, Any] | None) -> TablePlane | None:
-    """What `TablePlane.json` gave; None where nobody knew of a table."""
+    """Read what `TablePlane.json` wrote; None where nobody knew of a table."""
     return TablePlane(np.array(json["up"], float), float(json["level_mm"])) if json else None
 
 

@@ -66,7 +66,7 @@ def measure(corners: Array) -> Measures:
 
 
 def measure_each(facets: Sequence[Array]) -> list[Measures]:
-    """The same of many facets' corners (N, 3), side by side."""
+    """Measure many facets' corners (N, 3), side by side, as `measure` does one."""
     if not facets:
         return []
     shape = rings(facets)
@@ -146,9 +146,9 @@ def circle_along(points: Array, axis: Array) -> tuple[Array, float, float]:
 
 
 def chord_turns(radius_mm: float, sweep_rad: float, closed: bool) -> tuple[Array, float]:
-    """Where the chords that an arc is cut into meet: the shares (N,) of its sweep, without its ends where it is open,
-    and at how many radii from its centre. They lie as far inside the arc at their middles as outside at their ends;
-    round a whole circle there are four, or a multiple, so that turns of a part onto itself stay such."""
+    """Return where the chords that an arc is cut into meet: the shares (N,) of its sweep, without its ends where it is
+    open, and at how many radii from its centre. They lie as far inside the arc at their middles as outside at their
+    ends; round a whole circle there are four, or a multiple, so that turns of a part onto itself stay such."""
     step = 2 * np.arccos(max(1 - CHORD_MM / radius_mm, 0.5))
     count = max(int(np.ceil(abs(sweep_rad) / step)), 1)
     count = 4 * int(np.ceil(count / 4)) if closed else count
@@ -186,7 +186,7 @@ def planarity(points: Array) -> float:
 
 
 def planarities(shape: Rings) -> list[float]:
-    """The same of many polygons in space."""
+    """Return the planarity of many polygons in space, as `planarity` does of one."""
     count = shape.count[:, None]
     centred = shape.corners - np.repeat(shape.sums(shape.corners) / count, shape.count, axis=0)
     scatter = shape.sums(centred[:, :, None] * centred[:, None]) / count[:, None]

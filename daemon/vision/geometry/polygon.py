@@ -124,7 +124,7 @@ def drop_side(corners: list[Point], k: int) -> list[Point]:
 
 
 def meeting(a: Point, b: Point, c: Point, d: Point) -> Point | None:
-    """Where the line a-b meets the line c-d; None where they are parallel."""
+    """Return the point where the line a-b meets the line c-d; None where they are parallel."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
     cross = ux * vy - uy * vx
     if abs(cross) < 1e-9:
@@ -201,7 +201,7 @@ class Rings:
     before: Index
 
     def moved(self, corners: Array) -> Rings:
-        """The same polygons with other corners (M, 2)."""
+        """Return the same polygons with other corners (M, 2)."""
         return Rings(corners, self.first, self.count, self.next, self.before)
 
     def split(self, values: Array | None = None) -> list[Array]:
@@ -256,8 +256,8 @@ def convex(shape: Rings) -> Flags:
 
 
 def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Index, Flags]:
-    """Which of M sides (M, 2), (M, 2) px differ: (D,) indices of those, for each side which of them it is (M,), and
-    whether it runs the other way (M,).
+    """Find which of M sides (M, 2), (M, 2) px differ: (D,) indices of those, for each side which of them it is (M,),
+    and whether it runs the other way (M,).
 
     Neighbouring polygons share sides, and so do several readings of one region; what is done for all sides alike need
     be done once for those that lie within the tolerance.

@@ -309,7 +309,7 @@ def exact(corners_mm: Array, facets: Iterable[Iterable[int]]) -> Polyhedron:
 
 
 def with_rings(corners_mm: Array, rings: Sequence[Sequence[int]]) -> Polyhedron:
-    """As exact, of those of the corners (K, 3) that the rings have."""
+    """Return a solid without measuring errors, as `exact` does, of those of the corners (K, 3) that the rings have."""
     used = sorted({k for ring in rings for k in ring})
     place = {k: n for n, k in enumerate(used)}
     return exact(corners_mm[used], [[place[k] for k in ring] for ring in rings])

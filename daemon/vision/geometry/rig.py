@@ -71,7 +71,7 @@ class StereoRig:
 def moved_rig(
     camera: Camera, image_size: tuple[int, int], world_from_cameras: tuple[Array, Array]
 ) -> tuple[StereoRig, Array]:
-    """One camera at two places as a rig, and where that is: (StereoRig, world_from_cyclopean (4, 4) mm).
+    """Return the rig that one camera at two places is, and where that is: (StereoRig, world_from_cyclopean (4, 4) mm).
 
     world_from_cameras: (4, 4) mm each, in either order: left is whichever lies to the left as the camera sees it. The
     cyclopean frame is midway, its x axis the way from left to right, its z axis the mean view made normal to that.

@@ -82,7 +82,8 @@ def solve(
 
 
 def robust_weight(miss: Real, outlier: float = OUTLIER) -> Array:
-    """What blocks with such chi-squares (...) count: 1 on their place, a quarter so many sigmas off."""
+    """Return the Geman-McClure weight of residual blocks with these chi-squares (...): 1 at 0, 1/4 at `outlier`
+    sigmas."""
     return np.asarray(1 / (1 + miss / outlier**2) ** 2)
 
 

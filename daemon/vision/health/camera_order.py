@@ -63,8 +63,8 @@ def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig
 
 
 def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
-    """The same points in both images, (N, 2) px each: corners of the left, found by patch in a band of the right; at
-    half size first, then to the pixel."""
+    """Match points of both images, (N, 2) px each: corners of the left, found by patch in a band of the right; at half
+    size first, then to the pixel."""
     half = [np.asarray(cv2.resize(i, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
             for i in (left, right)]  # fmt: skip
     corners = cv2.goodFeaturesToTrack(half[0], MOST_POINTS, 0.02, 4)
@@ -89,8 +89,8 @@ def _found(
     columns: tuple[int, int],
     rows: tuple[int, int],
 ) -> tuple[int, int] | None:
-    """Where the patch round `at` (x, y) of one image is in the other, between columns (first, end) and within some
-    rows (middle, reach); None where it is not, or the image ends."""
+    """Find the patch round `at` (x, y) of one image in the other, between columns (first, end) and within some rows
+    (middle, reach); None where it is not, or the image ends."""
     x, y = at
     top, bottom = rows[0] - rows[1] - patch, rows[0] + rows[1] + patch + 1
     first, end = max(columns[0], 0), min(columns[1], other.shape[1])

@@ -65,7 +65,7 @@ def with_causes(parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures
 
 
 def depth_doubt(guesses: Sequence[NearestGuess]) -> tuple[str, ...]:
-    """What a person should know where edges and print of one thing are at two depths: in one look that is the rig."""
+    """Return notes for people where edges and print of one thing are at two depths: in one look that is the rig."""
     return tuple(
         f"depth calibration: edges and print of what may be {guess.label} do not agree on how far away it is "
         f"({abs(guess.print_apart_px):.0f} px); `facetctl calibrate stereo`"
@@ -75,14 +75,14 @@ def depth_doubt(guesses: Sequence[NearestGuess]) -> tuple[str, ...]:
 
 
 def cause_of_nothing(pictures: Pictures) -> Cause | None:
-    """What may hide a part where no part is seen at all; None where the picture would show one."""
+    """Return what may hide a part where no part is seen at all; None where the picture would show one."""
     return _light(pictures) or (Cause.PATTERNED if _patterned(pictures) else None)
 
 
 def _cause(
     part: Part, parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures: Pictures, patterned: bool
 ) -> Cause:
-    """What has to be corrected first: of a part cut off or in the dark nothing else can be said."""
+    """Return the cause that has to be corrected first: of a part cut off or in the dark nothing else can be said."""
     hulls = outlines(part)
     own = next((g for g in guesses if len(g.left_px) and _holds(hull([g.left_px]), hulls[0].mean(0))), None)
     ends = hulls if own is None else (np.vstack([hulls[0], *own.left_px]), np.vstack([hulls[1], *own.right_px]))

@@ -51,7 +51,8 @@ class Clue:
 
 
 def clue_of(scene: Scene, rig: StereoRig, shape_of: ShapeOf) -> Clue:
-    """What one look offers: all corners of all outlines of both cameras, named or not, and the edges of sure parts."""
+    """Return what one look says of the rig: all corners of all outlines of both cameras, named or not, and the edges of
+    sure parts."""
     sure = [p for p in scene.parts if p.recognition.label != "unknown" and p.recognition.confidence >= SURE]
     corners = _corners(scene.view, "left"), _corners(scene.view, "right")
     left, right = same_height(rig, *corners, NAMED_PX if sure else REACH_PX)
@@ -75,7 +76,7 @@ def _corners(view: FacetView, camera: Literal["left", "right"]) -> Array:
 
 
 def _each_once(corners: Array) -> Array:
-    """Of corners (N, 2) that are one, the first."""
+    """Keep the first of corners (N, 2) that are one."""
     near = np.linalg.norm(corners[:, None] - corners, axis=2) < SAME_PX
     return np.asarray(corners[near.argmax(1) == np.arange(len(corners))])
 
@@ -100,7 +101,7 @@ def _edges(part: Part, shape_of: ShapeOf) -> list[tuple[float, float, float]]:
 
 
 def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[float, float, float]], at: str) -> Clue:
-    """What one look says of the right camera's pose.
+    """Estimate the right camera's pose from one look.
 
     left_px, right_px: (N, 2) matched corners, px. edges: (length found, length known, depth) of each known edge, mm.
     Pitch and roll need 4 corners spread over the image, turning in needs an edge.

@@ -78,7 +78,8 @@ class Finding:
     good: bool
 
     def __str__(self) -> str:
-        """Such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit 30)`."""
+        """Return the finding as text, such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit
+        30)`. (darkness 12 grey levels, limit 30)`."""
         measure = MEASURES[self.name]
         figures = f"{self.name} {self.value:.3g} {measure.unit}, limit {measure.limit:g}"
         return f"{self.camera}: {measure.advice} ({figures})" if not self.good else f"{self.camera}: {figures}"
@@ -143,7 +144,7 @@ def _image(camera: str, image: Image, contrast: float, other_contrast: float) ->
 
 
 def sharpness(pair: Pair) -> tuple[Finding, ...]:
-    """How sharp the edges of a pair of grey images (H, W) are, where they have enough."""
+    """Measure how sharp the edges of a pair of grey images (H, W) are, where they have enough."""
     findings: list[Finding] = []
     for camera, image in zip(("left", "right"), pair, strict=True):
         blur = measure_blur(image)
@@ -193,17 +194,17 @@ def drift(scene: Scene) -> tuple[Finding, ...]:
 
 
 def misleading(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What makes the pair worse than none."""
+    """Return the findings that make the pair worse than none."""
     return tuple(finding for finding in findings if not finding.good and MEASURES[finding.name].misleads)
 
 
 def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    """What is not in order, a line each, for people."""
+    """Return what is not in order, a line each, for people."""
     return tuple(str(finding) for finding in findings if not finding.good)
 
 
 def findings_json(findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
-    """For run logs and machines: name, camera, value, good, and limit."""
+    """Return the findings for run logs and machines: name, camera, value, good, and limit."""
     return [
         {
             "name": f.name,

@@ -49,7 +49,7 @@ def ground(outlines_px: Sequence[Array], picture: Image) -> Image:
 
 
 def exposure_factors(pictures: Pictures, parts: Sequence[Part]) -> tuple[float, float] | None:
-    """By how much to multiply the exposure of the left and the right camera; None where the light will do.
+    """Return the factors for the exposure of the left and the right camera; None where the light will do.
 
     Both end up alike: the brighter camera is brought to the darker one, then both to a good level.
     """

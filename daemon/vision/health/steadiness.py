@@ -51,7 +51,7 @@ class Steadiness:
 
     @property
     def shutter(self) -> str | None:
-        """How the camera exposes its rows, for people; None: not measured."""
+        """The way the camera exposes its rows, for people; None: not measured."""
         if np.isnan(self.readout_s):
             return None
         ms, error_ms = 1000 * self.readout_s, 1000 * self.readout_error_s
@@ -63,7 +63,7 @@ class Steadiness:
         return f"global shutter: the last row is exposed {abs(ms):.0f} +- {error_ms:.0f} ms from the first"
 
     def faults(self) -> list[str]:
-        """What is wrong, a line each with the remedy."""
+        """Return what is wrong, a line each with the remedy."""
         lines = []
         if self.brightness > BRIGHTNESS_CHANGE:
             lines.append(
@@ -94,8 +94,8 @@ def measure_steadiness(images: Sequence[Image], taken_s: Sequence[float]) -> Ste
 
 
 def overridden(before: Sequence[Image], after: Sequence[Image], factor: float) -> str | None:
-    """What is wrong where images (H, W) after the exposure was multiplied by a factor below 1 are as bright as before;
-    None where they are darker, or too dark or bright to tell."""
+    """Return what is wrong where images (H, W) after the exposure was multiplied by a factor below 1 are as bright as
+    before; None where they are darker, or too dark or bright to tell."""
     was, now = (float(np.mean(np.maximum(images[-1].astype(np.float32) - BLACK, 0))) for images in (before, after))
     if factor > UNMOVED**2 or not BLACK < was < SATURATED - 2 * BLACK or now < UNMOVED * was:
         return None

@@ -86,7 +86,7 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
 
 
 def lens_bow(start_px: Array, end_px: Array, camera: RectifiedCamera | None) -> Array | None:
-    """How far (S, 2) px the middle of each truly straight side lies from its chord in the distorted image.
+    """Return how far (S, 2) px the middle of each truly straight side lies from its chord in the distorted image.
 
     None where there is no camera whose lens would bend anything.
 
@@ -185,8 +185,8 @@ _SHIFTS_PX = np.linspace(-0.75, 0.75, 31)
 
 
 def face_planes(values: Image32, mean: Array, noise: NoiseOfMany, calipers: Calipers) -> tuple[Array, Flags]:
-    """What each face of the step would show if the other were not there, as planes: inside's level on the side and
-    slope across it, outside's level and slope, (4, R) grey levels and grey levels a px.
+    """Fit planes to the grey levels of each face of the step, as if the other were not there: inside's level on the
+    side and slope across it, outside's level and slope, (4, R) grey levels and grey levels a px.
 
     The level may drift along the side; the slope, as near a contact shadow, is one for each side. values (C, R)
     profiles; mean (C, S): theirs over each side. The second array (C, R) says where no other edge has come into view,

@@ -148,8 +148,7 @@ def _shown(slopes: Image32) -> Array:
 
 
 def probe_sides(images: Images, start: Array, end: Array) -> tuple[Array, Array]:
-    """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
-    it (S,).
+    """Measure the gradient across each side: its mean in sigmas (S,), and the fraction of the side that shows it (S,).
 
     images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side.
     """
@@ -216,8 +215,8 @@ def peaks(slopes: Array, least: Array | float) -> Flags:
 
 
 def peak_places(sizes: Real, best: Index) -> tuple[Array, Array]:
-    """How high rows of slopes (..., C) are at their highest, best (...,), which is neither the first nor the last; and
-    how far from there, px, a parabola through the three slopes about it has its top."""
+    """Return how high rows of slopes (..., C) are at their highest, best (...,), which is neither the first nor the
+    last; and how far from there, px, a parabola through the three slopes about it has its top."""
     low, top, high = np.moveaxis(np.take_along_axis(sizes, best[..., None] + np.arange(-1, 2), -1), -1, 0)
     bend = low - 2 * top + high
     between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
@@ -225,11 +224,11 @@ def peak_places(sizes: Real, best: Index) -> tuple[Array, Array]:
 
 
 def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
-    """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
+    """Return how surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 
-    images: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
-    it does not count; it is taken against what lines beside this one show, shading and grain alike, on the quieter
-    hand: on the other the next edge may be near.
+    images: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses it
+    does not count; it is taken against what lines beside this one show, shading and grain alike, on the quieter hand:
+    on the other the next edge may be near.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     offsets = np.arange(-_BESIDE_PX, _BESIDE_PX + 0.1, 0.5)
@@ -318,8 +317,9 @@ class _Steps:
 def _steps(
     exposures: Sequence[MeasuredImage], in_image: Index, calipers: Calipers, blurs: Array, sides_of: Index
 ) -> _Steps:
-    """Where the blurred step crosses each caliper: its residual against the model, over the model's slope. blurs (B,)
-    px, each of so many sides (B,), one after the other; the first exposure's sides begin at in_image[0], and so on."""
+    """Measure where the blurred step crosses each caliper: its residual against the model, over the model's slope.
+    blurs (B,) px, each of so many sides (B,), one after the other; the first exposure's sides begin at in_image[0], and
+    so on."""
     cuts = [*calipers.first[in_image].tolist(), len(calipers.side)]
     values = profiles([e.image for e in exposures], cuts, calipers, OFFSETS)
     noise = noise_of_many([e.noise for e in exposures], np.diff(cuts))

@@ -171,7 +171,7 @@ def _round_runs(edge: Array) -> Iterator[_RoundRun]:
 
 
 def _chords(edge: Array) -> Index:
-    """Where along a border (N, 2) the corners of its chords are, in its order."""
+    """Return the places along a border (N, 2) of the corners of its chords, in its order."""
     pixels = edge.astype(np.int32)
     corners = cv2.approxPolyDP(pixels[:, None], LINE_PX, True)[:, 0]
     width = int(pixels[:, 0].max()) + 1
@@ -273,6 +273,6 @@ def _rms(values: Array) -> float:
 
 
 def sweep_of(ellipse: Ellipse, px: Array) -> float:
-    """How far round an ellipse points (N, 2) lie, without the widest gap between them."""
+    """Return how far round an ellipse, rad, points (N, 2) lie, without the widest gap between them."""
     angle = np.sort(ellipse.off_px(px)[1])
     return float(2 * np.pi - np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())

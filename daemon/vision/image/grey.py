@@ -130,9 +130,8 @@ def measure_noise(image: Grey) -> Noise:
 
 
 def _residuals(image: Grey) -> Index:
-    """At every few pixels the size of the product of second differences (6 sigma for noise sigma), plus _SIZES times
-    the band of grey levels.
-    """
+    """Return at every few pixels the size of the product of second differences (6 sigma for noise sigma), plus _SIZES
+    times the band of grey levels."""
     rows, columns = ((n - 3) // _EVERY * _EVERY + 1 for n in image.shape)  # so that each has its eight neighbours
     above, here, below = (image[r : rows + r : _EVERY].astype(np.int16) for r in range(3))
     bend, total = above - 2 * here + below, above + here + below

@@ -172,7 +172,7 @@ def _once(images: Images, shape: Rings) -> tuple[Images, Array, Array, Index, Fl
 
 
 def rough_polygons(regions: Sequence[Region], settings: VisionSettings) -> list[RoughPolygon]:
-    """Of closed regions in much the same place, which are one at several levels and scales, the few cleanest.
+    """Keep the few cleanest of closed regions in much the same place, which are one at several levels and scales.
 
     A clean border fills its polygon; noise eats into it, and a coarse scale is trusted less than a fine one.
     """
@@ -266,7 +266,7 @@ class Fitted:
     sides: Sides
 
     def rolled(self, shift: int) -> Fitted:
-        """The same with corner `shift` first."""
+        """Return the same polygon with corner `shift` first."""
         p, n = self.polygon, len(self.polygon.corners_px)
         order = (np.arange(n) + shift) % n
         polygon = Polygon(p.corners_px[order], p.covariance_px2[order], p.contrast[order], p.border_px)

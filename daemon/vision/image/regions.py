@@ -124,15 +124,14 @@ def shrunk(unit: Stretched, shrink: int) -> Scale:
 
 
 def full_size(smooth: Fine, window: Window, grain: float) -> Scale:
-    """The same at full size, of a part of the smoothed image; grain: its noise over that of white noise."""
+    """Return the scale at full size of a part of the smoothed image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
     return Scale(1, np.array([left, top], float), _gradient(smooth[top:bottom, left:right]), grain)
 
 
 def _grain(strength: Image32) -> float:
-    """How much coarser-grained than white the noise is: the gradient of the quieter tiles over what white
-    noise gives; 1 where there is not a pixel for each tile.
-    """
+    """Return how much coarser-grained than white the noise is: the gradient of the quieter tiles over what white noise
+    gives; 1 where there is not a pixel for each tile."""
     height, width = (n // _TILES for n in strength.shape)
     if not (height and width):
         return 1.0
@@ -215,9 +214,8 @@ def hole_borders(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Borde
 
 
 def largest_hole_borders(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:
-    """The same borders, of so many of the largest only, found by their areas first: following the borders of ten
-    thousand specks costs more than all else.
-    """
+    """Return the borders of so many of the largest holes only, found by their areas first: following the borders of ten
+    thousand specks costs more than all else."""
     closed = cv2.copyMakeBorder(1 - edges, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     labels, stats = cv2.connectedComponentsWithStats(closed, connectivity=4)[1:3]
     area = stats[:, cv2.CC_STAT_AREA]

@@ -66,7 +66,7 @@ class SegmentCorners:
     sign: Array
 
     def at_most(self, most: int) -> SegmentCorners:
-        """So many with long arms, all over the image."""
+        """Keep so many of them with long arms, all over the image."""
         kept = shared_out(cells_of(self.at), most)
         return SegmentCorners(self.at[kept], self.arms[kept], self.sign[kept])
 
@@ -162,8 +162,8 @@ def cells_of(at: Array) -> Index:
 
 
 def shared_out(group: Index, most: int) -> Index:
-    """Which of N, the best first, each of a group (N,), are kept, in their order: at most so many, and of no group more
-    than of another that has more to give."""
+    """Return the indices to keep of N items, the best first, each of a group (N,): at most so many, and of no group
+    more than of another that has more to give."""
     if len(group) <= most:
         return np.arange(len(group))
     return np.sort(np.argsort(ranks(group), kind="stable")[:most])

@@ -67,7 +67,7 @@ class CameraImage:
 
     @cached_property
     def noise(self) -> Noise:
-        """How strongly pixels of each grey level flicker."""
+        """The noise by grey level: how strongly pixels of each flicker."""
         return measure_noise(self.grey)
 
     @cached_property
@@ -77,7 +77,7 @@ class CameraImage:
 
     @cached_property
     def smooth(self) -> Fine:
-        """The same after a Gaussian of SMOOTHING_PX."""
+        """The image of unit noise after a Gaussian of SMOOTHING_PX."""
         return smoothed(self.unit)
 
     @cached_property
@@ -87,7 +87,7 @@ class CameraImage:
 
     @property
     def grain(self) -> float:
-        """How much stronger the noise of smoothed pixels is than that of white noise would be."""
+        """The noise of smoothed pixels over that of white noise smoothed alike."""
         return self.scale(2).sigma
 
     def scale(self, shrink: int) -> Scale:
@@ -145,12 +145,12 @@ class CameraImage:
 
     @cached_property
     def exposure(self) -> MeasuredImage:
-        """What sides are fitted to."""
+        """The image as sides are fitted to it."""
         return MeasuredImage(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.rectified)
 
     @property
     def blur_px(self) -> float | None:
-        """How wide the edges are that outlines were fitted to; None where none was."""
+        """The width, px, of the edges that outlines were fitted to; None where none was."""
         blurs = [float(f.sides.blur[0]) for f in self.fitted.values() if f is not None]
         return median(blurs) if blurs else None
 

@@ -54,8 +54,8 @@ def arc_name(corners_mm: Array, covariance_mm2: Array) -> str | None:
 
 
 def arc_names(arcs: Sequence[Array]) -> tuple[str, ...]:
-    """As arc_name, of a facet whose arcs are known, points (K, 3) mm along each from end to end: of the longest, the
-    likeliest first; two where its sector is near to the limit of a step."""
+    """Return the names, as `arc_name` does, of a facet whose arcs are known, points (K, 3) mm along each from end to
+    end: of the longest, the likeliest first; two where its sector is near to the limit of a step."""
     degrees = max(np.rad2deg(_sector_of(_in_plane(points))) for points in arcs) / NAME_STEP_DEG
     steps = dict.fromkeys(int(np.clip(round(degrees + off), 1, 360 / NAME_STEP_DEG)) for off in (0, -UNSURE, UNSURE))
     return tuple(f"arc{NAME_STEP_DEG * step}" for step in steps)

@@ -25,7 +25,7 @@ class Correspondence:
 
     @property
     def explained(self) -> int:
-        """How many of the seen facets have a counterpart."""
+        """The number of seen facets that have a counterpart."""
         return len(self.facets) - self.facets.count(-1)
 
 
@@ -51,7 +51,7 @@ def correspondences(observed: Polyhedron, taught: Polyhedron, *, may_add: bool =
 def correspondences_from(
     observed: Polyhedron, taught: Polyhedron, places: Iterable[tuple[int, FacetTurn]], *, may_add: bool = False
 ) -> tuple[Correspondence, ...]:
-    """As correspondences, of those that lay one seen facet onto (taught facet, turn): places of such pairs."""
+    """Return the correspondences that lay one seen facet onto (taught facet, turn): places of such pairs."""
     found: dict[tuple[int, ...], Correspondence] = {}
     for start, first in places:
         placed = _walk(observed, taught, start, first)

@@ -46,7 +46,8 @@ class FacetType:
 
     @cached_property
     def tests(self) -> tuple[tuple[Array, Array, int], ...]:
-        """For each distinct turn of the corners: (A, b, rows of A about angles) with A @ [angles, log sides] = b."""
+        """Return the test for each distinct turn of the corners: (A, b, rows of A about angles) with A @ [angles, log
+        sides] = b."""
         found: list[tuple[Array, Array, int]] = []
         for turn in range(self.sides):
             angle_rows = _rows(_turned(self.angles_rad, turn), 0, 2 * self.sides, absolute=True)
@@ -99,7 +100,7 @@ def type_facet(corners_mm: Array, covariance_mm2: Array, library: FacetLibrary) 
 def types_of_each(
     corners_mm: Sequence[Array], covariance_mm2: Sequence[Array], library: FacetLibrary
 ) -> list[tuple[Typing, ...]]:
-    """The same of many facets."""
+    """Return the types of many facets, as `types_of` does of one."""
     each = zip(corners_mm, covariance_mm2, measure_each(corners_mm), strict=True)
     return [_types_of(*facet, library) for facet in each]
 
@@ -223,5 +224,5 @@ def _same(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 @cache
 def _limit(dof: int) -> float:
-    """What chi-square may be; kept, as a look asks for the same few again and again."""
+    """Return the largest chi-square allowed; cached, as a look asks for the same few again and again."""
     return chi_square_limit(dof, FALSE_ALARM)

@@ -73,7 +73,7 @@ class Model:
         return view.source or f"view {number}"
 
     def solid_of(self, view: TaughtView) -> Polyhedron:
-        """What a view showed: as measured, or as drawn."""
+        """Return the solid that a view showed: as measured, or as drawn."""
         return self.metric[view.label].solid.only(view.sides) if view.solid is None else view.solid
 
 
@@ -119,7 +119,7 @@ def learn_solid(model: Model, solid: Polyhedron, label: str, source: str = "") -
 
 
 def learn_solids(model: Model, drawn: Sequence[tuple[str, Polyhedron, str]]) -> Model:
-    """As learn_solid, of many (label, solid, source), which costs less than one after the other."""
+    """Learn many (label, solid, source), as `learn_solid` does one, which costs less than one after the other."""
     views, relations, known = list[TaughtView](), list[RelationalView](), model
     for label, solid, source in drawn:
         if not label or label == "unknown":
@@ -165,7 +165,8 @@ def relearnt(model: Model) -> Model:
 
 
 def _relations(model: Model, solid: Polyhedron) -> RelationalView:
-    """What the memory is taught of a typed solid: its features as far as they are unsure; none where it is drawn."""
+    """Return what the memory learns of a typed solid: its features as far as they are unsure; none where it is
+    drawn."""
     return relational_view(solid, [(name,) for name in solid.types], model.library, 0.0)
 
 

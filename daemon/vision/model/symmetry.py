@@ -154,8 +154,8 @@ def _flipped(solid: Polyhedron, flip: Array, at: Array, there: Array) -> tuple[O
 
 
 def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
-    """Of each solid the turns after which every corner lies within so many mm of one, every facet on one, and every
-    hole in one."""
+    """Return of each solid the turns after which every corner lies within so many mm of one, every facet on one, and
+    every hole in one."""
     found: list[Turns | None] = [None] * len(shapes)
     counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
     for count in np.unique(counts).tolist():
@@ -169,7 +169,7 @@ def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> lis
 
 
 def _keeping_holes(holes: Sequence[Hole], turns: Turns, within_mm: float) -> Turns:
-    """Those of the turns that take every hole onto one."""
+    """Keep those of the turns that take every hole onto one."""
     if not holes or len(turns.motions) == 1:
         return turns
     kept = [
@@ -188,7 +188,7 @@ def _same_rim(one: Array, other: Array, within_mm: float) -> bool:
 
 
 def _off_rim_mm(points: Array, ring: Array) -> float:
-    """How far the farthest of points (N, 3) lies from the sides of a ring (M, 3)."""
+    """Return how far the farthest of points (N, 3) lies from the sides of a ring (M, 3), mm."""
     way = np.roll(ring, -1, 0) - ring
     to = points[:, None] - ring
     share = ((to * way).sum(2) / np.maximum((way * way).sum(1), 1e-12)).clip(0, 1)
@@ -196,7 +196,7 @@ def _off_rim_mm(points: Array, ring: Array) -> float:
 
 
 def _of_as_many(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
-    """As turns_onto_themselves, of solids that have as many corners as each other."""
+    """Return the turns, as `turns_onto_themselves` does, of solids that have as many corners as each other."""
     corners = np.stack([shape.corners_mm for shape in shapes])
     here, after, before, sides, facet, owner = _flags(shapes)
     a, b, c = (corners[owner, which] for which in (here, after, before))
@@ -220,8 +220,8 @@ def _of_as_many(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
 
 
 def _flags(shapes: Sequence[Polyhedron]) -> tuple[Index, Index, Index, Index, Index, Index]:
-    """Of every side of every facet, solid after solid (N,): its corner, the next one, the one before, how many sides
-    the facet has, the number of the facet among all, and of the solid."""
+    """Return arrays (N,) of every side of every facet, solid after solid: its corner, the next one, the one before, how
+    many sides the facet has, the number of the facet among all, and of the solid."""
     sizes = np.array([len(ring) for shape in shapes for ring in shape.facets], np.intp)
     here, after = (np.concatenate([shape.steps[k] for shape in shapes]) for k in (0, 1))
     facet = np.repeat(np.arange(len(sizes)), sizes)

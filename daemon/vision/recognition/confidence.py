@@ -31,9 +31,8 @@ NOISE_SIGMA, NOISE_DOF = 1.1, 12.0  # corner errors over predicted ones: what th
 
 
 def count_correspondences(observed: Polyhedron, metric: Mapping[str, MetricModel], types: Sequence[str] = ()) -> int:
-    """In how many ways taught parts could be laid onto what is seen: the places of its rarest edge between two facets,
-    or of a lone facet. types: of the seen facets; only taught facets of the same types are places then.
-    """
+    """Count in how many ways taught parts could be laid onto what is seen: the places of its rarest edge between two
+    facets, or of a single facet. types: of the seen facets; only taught facets of the same types are places then."""
     places = facet_kind_counts(tuple(model.solid for model in metric.values()))
     kinds = tuple(types) or tuple(str(len(ring)) for ring in observed.facets)
     pairs = [(kinds[f], kinds[g]) for f, g in observed.seams]
@@ -44,8 +43,8 @@ def count_correspondences(observed: Polyhedron, metric: Mapping[str, MetricModel
 
 @lru_cache(maxsize=4)
 def facet_kind_counts(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
-    """How many facets of each type, and of each number of sides, solids have together, and how many pairs of them share
-    an edge."""
+    """Count the facets of each type, and of each number of sides, that solids have together, and the pairs of them that
+    share an edge."""
     found = Counter[tuple[str, ...]]()
     for solid in solids:
         pairs = {(min(pair), max(pair)) for pair in solid.beside.tolist() if min(pair) >= 0}
@@ -80,9 +79,8 @@ def label_probabilities(observed: Polyhedron, fits: Sequence[FacetHypothesis], m
 
 
 def fits_by_chance(observed: Polyhedron, fit: FacetHypothesis, model: Model) -> tuple[float, float]:
-    """How many fits as good as this one, which explains every facet, a stranger whose facets are so joined is to be
-    expected to have; and the variance of corner errors over the predicted one, as these corners show it.
-    """
+    """Return how many fits as good as this one, which explains every facet, an untaught thing with facets so joined is
+    expected to have; and the variance of corner errors over the predicted one, as these corners show it."""
     taught, tolerance_mm = model.metric[fit.label].solid, model.parameters.tolerance_mm
     turn, shift = fit.pose[:3, :3], fit.pose[:3, 3]
     there = taught.corners_mm[fit.corners]  # all that follows is in the part's frame, where its bonds are kept
@@ -180,7 +178,7 @@ class _FacetBonds(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def _bonds_of_facets(solid: Polyhedron, library: FacetLibrary) -> tuple[_FacetBonds, ...]:
-    """Those of every facet of a taught solid; made once."""
+    """Return the constraints of every facet of a taught solid; cached."""
     found = []
     for ring, kind in zip(solid.rings, solid.types or [""] * len(solid.facets), strict=True):
         points = solid.corners_mm[ring]

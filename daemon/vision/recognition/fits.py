@@ -61,7 +61,7 @@ class Recalled:
 def recall_views(
     observed: Polyhedron, types: Sequence[Sequence[str]], model: Model, vigilance: float
 ) -> tuple[Recalled, ...]:
-    """Every way in which facets that hang together may be a taught part, as far as a node's match reaches the
+    """Return every correspondence by which connected facets may be a taught part, as far as a node's match reaches the
     vigilance, one of those that a turn of the part takes onto each other; those that explain most facets first, then
     the best match. types: those each facet may have. Nothing for a lone facet, which has no relations."""
     if len(observed.facets) < 2 or not observed.seams:
@@ -79,7 +79,7 @@ def recall_views(
 def _recall_members(
     observed: Polyhedron, view: RelationalView, members: Sequence[int], model: Model, vigilance: float
 ) -> dict[tuple[str, tuple[int, ...]], Recalled]:
-    """What is recalled of some facets (a view of them alone), each way once."""
+    """Recall taught views by some of the facets (a view of them alone), each correspondence once."""
     answer = model.artmap.recall(view, vigilance, MOST_RECALLED)
     if not len(answer.node):
         return {}
@@ -104,7 +104,7 @@ def _recall_members(
 
 
 def _extend_pair(observed: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Correspondence, ...]:
-    """Seen facets laid edge to edge onto a solid, from the first two on that are said to lie on facets of it: the rest
+    """Lay seen facets edge to edge onto a solid, from the first two on that are said to lie on facets of it: the rest
     follows from these. Relations in pairs do not tell which way round facets meet, as at corners of a box."""
     first, second = next((f, g) for f, g in observed.seams if f in onto and g in onto)
     if max(onto.values()) >= len(solid.facets):
@@ -119,7 +119,7 @@ def _extend_pair(observed: Polyhedron, solid: Polyhedron, onto: dict[int, int]) 
 
 
 def _canonical_corners(correspondence: Correspondence, solid: Polyhedron) -> tuple[int, ...]:
-    """The corners of the way, of all that a turn of the solid takes onto it the first."""
+    """Return the corners of the correspondence, of all that a turn of the solid takes onto it the first."""
     turned = symmetries(solid).corners[:, correspondence.corners]
     turned[:, correspondence.corners < 0] = -1
     return tuple(min(turned.tolist()))
@@ -146,7 +146,7 @@ class FacetHypothesis:
 
     @property
     def explained(self) -> int:
-        """How many seen facets have a taught counterpart."""
+        """The number of seen facets that have a taught counterpart."""
         return len(self.facets) - self.facets.count(-1)
 
     @property
@@ -166,8 +166,8 @@ def fit_candidates(
     candidates: Sequence[LabelledCorrespondence],
     tolerance_mm: float,
 ) -> tuple[FacetHypothesis, ...]:
-    """The ways that an unweighted fit does not rule out, each in its best pose: most facets explained first, then the
-    smallest chi-square. Where all are ruled out, the nearest."""
+    """Fit the candidates that an unweighted fit does not rule out, each in its best pose: most facets explained first,
+    then the smallest chi-square. Where all are ruled out, the nearest."""
     if not candidates:
         return ()
     observed_mm, covariance, corners, spread, used = _matched(observed, metric, candidates)
@@ -193,8 +193,8 @@ def add_evidence(
 
 
 def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricModel]) -> list[LabelledCorrespondence]:
-    """Taught facets, in turns, that a lone seen one may be by the distances between its corners: those near, or where
-    there is none those that are not far, the nearest MOST_RECALLED."""
+    """Return taught facets, in turns, that a single seen one may be by the distances between its corners: those near,
+    or where there is none those that are not far, the nearest MOST_RECALLED."""
     places, off, labels = _places(observed, 0, metric)
     near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MOST_RECALLED))), ())
     found = []
@@ -204,8 +204,8 @@ def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricMod
 
 
 def facet_poses(observed: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
-    """Taught facets in turns whose corners come so near to those of a lone seen one, MOST_NEAR at most, the nearest
-    first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
+    """Return the taught facets in turns whose corners come this near to those of a single seen one, MOST_NEAR at most,
+    the nearest first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
     places, off, _ = _places(observed, 0, metric)
     near = _nearest(off, SPREAD * rms_mm, MOST_NEAR)
     if not len(near):
@@ -219,13 +219,13 @@ def facet_poses(observed: Polyhedron, metric: Mapping[str, MetricModel], rms_mm:
 
 
 def _nearest(off: Array, limit: float, most: int) -> Index:
-    """Which of (N,) are below a limit, the lowest ones, at most so many."""
+    """Return the indices of (N,) below a limit, the lowest ones, at most so many."""
     near = np.flatnonzero(off < limit)
     return near if len(near) <= most else near[np.argpartition(off[near], most)[:most]]
 
 
 def _single_facet_correspondence(observed: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
-    """A lone seen facet laid onto a taught one."""
+    """Lay a single seen facet onto a taught one."""
     corners, ring = np.empty(len(observed.corners_mm), np.intp), taught.facets[facet]
     corners[observed.rings[0]] = ring[turn:] + ring[:turn]
     return Correspondence((facet,), corners)
@@ -259,8 +259,8 @@ def _places(
 
 @lru_cache(maxsize=4)
 def facet_placements(solids: tuple[Polyhedron, ...]) -> dict[int, _Places]:
-    """By number of sides every facet of solids in each turn, of those that turns of its solid take onto each other one;
-    made once of all that is taught."""
+    """Return by number of sides every facet of solids in each turn, one of those that turns of its solid take onto each
+    other; cached for all that is taught."""
     found: dict[int, list[tuple[Index, Array]]] = {}
     for number, (solid, turns) in enumerate(zip(solids, turns_onto_themselves(solids, EXACT_MM), strict=True)):
         here, after, first = solid.steps
@@ -305,8 +305,7 @@ def _hypothesis(candidate: LabelledCorrespondence, fits: Fits, i: int) -> FacetH
 
 
 def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taught: Polyhedron) -> Array:
-    """(E, 4, 4) the poses of the same part, of which there are as many as it has symmetries, that fit as well, the best
-    first."""
+    """Return (E, 4, 4) the poses of the same part that fit as well, the best first: as many as it has symmetries."""
     same = [
         h.pose
         for h in others
@@ -321,7 +320,8 @@ def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taug
 def _matched(
     observed: Polyhedron, metric: Mapping[str, MetricModel], candidates: Sequence[LabelledCorrespondence]
 ) -> tuple[Array, Array, Array, Array, Flags]:
-    """What fit_poses wants: seen corners, their covariance, their counterparts in each way, their covariance, which."""
+    """Return the arguments of fit_poses: observed corners, their covariance, their counterparts in each candidate,
+    their covariance, which are used."""
     corners = np.stack([metric[label].solid.corners_mm[correspondence.corners] for label, correspondence in candidates])
     covariance = np.stack(
         [metric[label].solid.covariance_mm2[correspondence.corners] for label, correspondence in candidates]

@@ -86,7 +86,7 @@ def recognise_groups(
 def merge_adjacent(
     recognised: Sequence[Recognised], model: Model, evidence: PoseEvidence | None = None
 ) -> tuple[Recognised, ...]:
-    """What was found, nearest first, with those made one that share an edge after all and have a name together."""
+    """Merge recognised groups that share an edge after all and have a name together; return all, nearest first."""
     parts = list(recognised)
     for one, other in combinations(recognised, 2):
         if one in parts and other in parts and one.label == other.label:
@@ -97,12 +97,12 @@ def merge_adjacent(
 
 
 def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Recognised:
-    """One group, and what it is taken for."""
+    """Recognise one group; return it with its part."""
     return Recognised(group, recognise_part(group, model, evidence))
 
 
 def _as_one(one: Group, other: Group, model: Model, evidence: PoseEvidence | None) -> Recognised | None:
-    """Two groups as one, where they share an edge and that has a name; else None."""
+    """Merge two groups if they share an edge and have a name together; else None."""
     whole = merge_vertices(one.facets + other.facets)
     if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
@@ -111,7 +111,8 @@ def _as_one(one: Group, other: Group, model: Model, evidence: PoseEvidence | Non
 
 
 def _recognise_or_split(group: Group, model: Model, evidence: PoseEvidence | None) -> tuple[Recognised, ...]:
-    """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
+    """Recognise the group as one part; if that has no name but all facets except a doubtful one have, return those two
+    apart.
 
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
@@ -136,20 +137,20 @@ def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
 
 
 def suspected_poses(facet: Facet, model: Model) -> tuple[Index, Array]:
-    """Every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or not; the
-    nearest first."""
+    """Return every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or
+    not; the nearest first."""
     return facet_poses(merge_vertices([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
 def without_name(named: Recognised, reason: str, confidence: float, model: Model) -> Recognised:
-    """A named group without its name, in which one may no longer have more than a confidence."""
+    """Remove the name of a recognised group, of which one may no longer have more than this confidence."""
     verdict = _unnamed((named.label,), 1 - confidence, reason, (named.label,))
     return replace(named, part=_unknown_part(_typed(named.group, model).group, verdict))
 
 
 def candidate_poses(group: Group, model: Model) -> tuple[CandidatePose, ...]:
-    """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
-    is that of an untaught part."""
+    """Return all (part, pose) hypotheses consistent with a group's facets, most probable first; the probability missing
+    from 1 is that of an untaught part."""
     typed = _typed(group, model)
     fits = [h for h in _recall_and_fit(typed, model)[1] if _is_consistent(h, typed.group)]
     probabilities = hypothesis_probabilities(typed.group.polyhedron, fits, model) if fits else []
@@ -201,7 +202,7 @@ def _typed(group: Group, model: Model) -> _Typed:
 
 
 def _with_epipolar_doubt(facet: Facet) -> Facet:
-    """The facet, its corners off their epipolar lines less sure: there one camera saw something else."""
+    """Enlarge the covariance of corners that are off their epipolar lines: there one camera saw something else."""
     excess = np.maximum(np.abs(facet.epipolar_px) / EPIPOLAR_PX, 1.0) ** 2
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
@@ -273,7 +274,7 @@ def _verdict(
 
 
 def _unnamed(ranking: Sequence[str], confidence: float, reason: str, candidates: tuple[str, ...] = ()) -> Recognition:
-    """No name; candidates: what explains it as well as each other."""
+    """Return the verdict without a name; candidates: what explains it as well as each other."""
     runner_up = ranking[0] if ranking else None
     return Recognition(UNKNOWN, confidence, 0.0, 0.0, runner_up, bool(candidates), reason, candidates)
 
@@ -289,7 +290,7 @@ def _reason_unnamed(group: Group, best: tuple[FacetHypothesis, ...]) -> str:
 
 
 def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrary) -> tuple[Facet, ...]:
-    """The facets with the taught types: which of the types a facet may have it is, lengths and angles have settled."""
+    """Return the facets with the taught types: lengths and angles have decided which of its possible types each has."""
     return tuple(
         replace(facet, type=kind, type_number=type_number(kind, library))
         for facet, kind in zip(facets, kinds, strict=True)
@@ -297,7 +298,7 @@ def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrar
 
 
 def _unknown_part(group: Group, verdict: Recognition) -> Part:
-    """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as they were measured."""
+    """Return an unnamed part at its corners' centroid, with the camera's axes; its corners as measured."""
     corners = group.polyhedron.corners_mm
     pose = np.eye(4)
     pose[:3, 3] = corners.mean(0)

@@ -30,7 +30,7 @@ class Converging:
     error_mm: Array
 
     def with_readings(self, at_mm: Array, error_mm: Array) -> Converging:
-        """The same constants with these readings (K,), in any order."""
+        """Return the same constants with these readings (K,), in any order."""
         order = np.argsort(at_mm)
         return replace(self, at_mm=at_mm[order], error_mm=error_mm[order])
 

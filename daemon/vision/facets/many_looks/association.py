@@ -26,9 +26,9 @@ DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners
 
 
 def match_corners(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
-    """For each look its corners' numbers, one number where looks measured one corner: the surest corners first, each
-    the nearest that is near enough and is not of its own outline already. What one look separated only another's
-    corner makes one. moved (N, 3) base, spread (N, 3, 3)."""
+    """Number the corners of all looks, the same number where looks measured one corner: the surest corners first, each
+    with the nearest one that is near enough and not of its own outline. What one look separated only another's corner
+    makes one. moved (N, 3) base, spread (N, 3, 3)."""
     owner = [np.full(len(points), -1, np.intp) for points in moved]
     widths = [_widths(points, rings) for points, rings in zip(moved, outlines, strict=True)]
     doubts = [np.trace(covariance, axis1=1, axis2=2) + LEAST_MM2 for covariance in spread]
@@ -110,7 +110,7 @@ def drop_contradicted(
 
 
 def _is_contradicted(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], viewpoints: Array) -> int:
-    """By how many more looks deny a facet than saw it."""
+    """Return by how many more looks contradict a facet than saw it."""
     saw = {look for look, _ in one}
     outline = shapes[one[0][0]][one[0][1]]
     denied = 0
@@ -144,7 +144,7 @@ def connected_by_marks(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
 
 
 def _tilt(outline: Array, doubt: Array) -> float:
-    """How far, about, the normal of an outline (N, 3) may be off whose corners may be by doubt (N,) mm, radians."""
+    """Return how far, rad, an outline's (N, 3) normal may be off whose corners may each be off by `doubt` (N,) mm."""
     return float((LEAST_MM + doubt.max()) / np.sqrt(max(float(np.linalg.norm(area_vector(outline))), 1e-9)))
 
 

@@ -92,7 +92,7 @@ class FusedLooks:
         return connected(self.polyhedron.touching)
 
     def only(self, facets: Sequence[int]) -> FusedLooks:
-        """The same looks with some of the facets, by number, and their corners."""
+        """Return the same looks with some of the facets, by number, and their corners."""
         corners = self.polyhedron.corners_of(facets)
         at = (3 * corners[:, None] + np.arange(3)).ravel()
         return replace(
@@ -155,22 +155,22 @@ class _Measured:
     spread: list[Array]
 
     def marks(self, look: int, ring: int) -> list[tuple[int, int]]:
-        """What a piece has in common with those beside it: (-1, number of a corner), (look, group)."""
+        """Return the marks of a piece, which connect it with others: (-1, number of a corner), (look, group)."""
         return [
             (look, self.groups[look][ring]),
             *((-1, int(n)) for n in self.owner[look][list(self.rings[look][ring])]),
         ]
 
     def outlines(self, facet: int) -> list[Array]:
-        """Of one facet, (N, 3) base."""
+        """Return the outlines (N, 3) mm, base frame, of one facet."""
         return [self.moved[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
 
     def looks(self, facet: int) -> int:
-        """How many saw any of them."""
+        """Return how many looks saw any of the pieces of a facet."""
         return len({k for k, _ in self.facets[facet]})
 
     def doubts(self, facet: int) -> list[Array]:
-        """How far each corner of those may be off, (N,) mm."""
+        """Return the root of the trace of the covariance, mm, of each corner (N,) of those outlines."""
         spreads = [self.spread[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
         return [np.sqrt(np.trace(spread, axis1=1, axis2=2) + LEAST_MM2) for spread in spreads]
 

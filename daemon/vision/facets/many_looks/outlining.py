@@ -78,9 +78,9 @@ def assumed_plane(origin: Array, normal: Array) -> Plane:
 
 
 def outlines(planes: Sequence[Plane], unseen: Sequence[Plane] = ()) -> list[list[Array]]:
-    """For each plane the facets in it, outlines (N, 3) mm anticlockwise from outside; mostly one, none where the pieces
-    cover nothing. unseen: planes that may bound them though no piece of those was seen. What one look alone saw bounds
-    nothing that several did: those have sides of their own there."""
+    """Return for each plane the facets in it, outlines (N, 3) mm anticlockwise from outside; mostly one, none where the
+    pieces cover nothing. unseen: planes that may bound them though no piece of those was seen. What one look alone saw
+    bounds nothing that several did: those have sides of their own there."""
     return [
         _facets(plane, [k for k in (*planes, *unseen) if k is not plane and (k.looks != 1 or plane.looks == 1)])
         for plane in planes
@@ -191,7 +191,7 @@ def _alike(line: Array, other: Array, low: Array, high: Array, near_mm: float) -
 
 
 def _halves(cell: Array, line: Array) -> list[Array]:
-    """What of a convex cell lies on either side of a line."""
+    """Split a convex cell by a line into the parts on either side."""
     off = cell @ line[:2] - line[2]
     found = []
     for side in (1.0, -1.0):
@@ -248,7 +248,7 @@ def _united(cells: Sequence[Array]) -> list[Array]:
 
 
 def _straightened(ring: Array) -> Array:
-    """Without corners at which the border goes straight on, or back."""
+    """Remove corners at which the border goes straight on, or back."""
     kept, at = [*ring], 0
     while at < len(kept) and len(kept) > 2:
         one, two = kept[at] - kept[at - 1], kept[(at + 1) % len(kept)] - kept[at]

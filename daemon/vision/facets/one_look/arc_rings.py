@@ -56,8 +56,8 @@ def _is_whole(circle: MeasuredCircle) -> bool:
 
 
 def _disc(circle: MeasuredCircle) -> tuple[Array, list[bool], list[Array]]:
-    """Of a disc: (N, 3) mm the corners of the ring that bounds it, anticlockwise as seen; whether the side behind each
-    is a chord; and points (POINTS, 3) along each of its arcs."""
+    """Return the ring that bounds a disc: its corners (N, 3) mm, anticlockwise as seen; whether the side behind each is
+    a chord; and points (POINTS, 3) mm along each of its arcs."""
     x, y = axes_in(circle.normal)
     axes = np.stack([x, y if np.cross(x, y) @ circle.normal > 0 else -y])
     shares, out = chord_turns(circle.radius_mm, 2 * np.pi, closed=True)

@@ -89,7 +89,8 @@ def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baselin
 
 
 def _best_few(matches: list[PolygonMatch], left: Sequence[Outline], right: Sequence[Outline]) -> list[PolygonMatch]:
-    """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
+    """Keep the best two of the matches of much the same region, by how far the outlines are seen and how well they
+    match."""
 
     def rank(m: PolygonMatch) -> float:
         support = min(left[m.left].support, right[m.right].support)
@@ -127,7 +128,7 @@ def choose(
 
 
 def _flatness_sigmas(facet: Facet) -> float:
-    """How far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
+    """Return how far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
     if len(facet.corners_mm) < 4:
         return 0.0
     model_mm2 = (_MODEL_RAD * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
@@ -208,8 +209,8 @@ def match_polygons(
 
 
 def in_both(left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings) -> tuple[Flags, Flags]:
-    """Which rough polygons of the left (P,) and of the right camera (Q,) the other camera may have outlined as well:
-    along the epipolar lines one of its own spans as much, at a depth where parts may be.
+    """Return which rough polygons of the left (P,) and of the right camera (Q,) the other camera may have outlined as
+    well: along the epipolar lines one of its own spans as much, at a depth where parts may be.
 
     left, right: corners (N, 2) px of each polygon.
     """
@@ -244,8 +245,8 @@ class _Ideal:
 
 
 def _best_shifts(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[Index, Array]:
-    """For P pairs of polygons with as many corners, ideal coordinates (P, N, 2) in the left and the right camera: the
-    shift of the cheapest match (P,) and its cost in px (P,), infinite where none is possible."""
+    """Return the shift (P,) of the cheapest match of P pairs of polygons with as many corners, ideal coordinates (P, N,
+    2) in the left and the right camera, and its cost (P,) px, infinite where none is possible."""
     nearest, farthest = settings.depth_range_mm
     pairs, n = a.shape[:2]
     order = (np.arange(n)[:, None] + np.arange(n)) % n
@@ -264,7 +265,7 @@ def _best_shifts(a: Array, b: Array, geometry: Baseline, settings: VisionSetting
 
 
 def _plane_residuals(points: Array, disparities: Array) -> Array:
-    """How far each of the disparities (P, K, N) of points (P, N, 2) is off the best plane: over a plane in space
+    """Return how far each of the disparities (P, K, N) of points (P, N, 2) is off the best plane: over a plane in space
     disparity is affine in the image."""
     pairs, n = points.shape[:2]
     if n < 4:

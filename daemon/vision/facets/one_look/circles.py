@@ -114,8 +114,8 @@ class _InIdeal(NamedTuple):
 
 
 def _could_be_one(left: _InIdeal, right: _InIdeal, radii_mm: Array | None, geometry: Baseline) -> tuple[Index, Index]:
-    """Which two ellipses could be of one circle: equally high, about as large, where a part may be, and there about as
-    large as a taught rim."""
+    """Return which two ellipses could be of one circle: equally high, about as large, where a part may be, and there
+    about as large as a taught rim."""
     row = ROW_PX / geometry.left.focal_px
     i, j = pairs_within(left.middle[:, 1], right.middle[:, 1], row)
     apart = left.middle[i, 0] - right.middle[j, 0]
@@ -221,5 +221,5 @@ def _across(normal: Array) -> Array:
 
 
 def differs_mm(radius_mm: Array | float) -> Array:
-    """By how much a circle's radius may differ from a taught one."""
+    """Return by how many mm a circle's radius may differ from a taught one."""
     return np.asarray(OF_RADIUS * radius_mm + RADIUS_MM)

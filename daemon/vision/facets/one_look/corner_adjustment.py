@@ -128,7 +128,7 @@ def solve_corners(
 
 
 def _spread(size: Array, trust: Array) -> float:
-    """How much larger than expected the squared offsets (S,) are, one at least."""
+    """Return how much larger than expected the squared offsets (S,) are, one at least."""
     return max(1.0, float(trust @ size) / max(2 * float(trust.sum()), 1.0))
 
 

@@ -93,7 +93,7 @@ class FittedRing:
 
     @property
     def unknowns(self) -> int:
-        """How many numbers move it."""
+        """Return how many numbers move it."""
         arcs, free = np.count_nonzero(self.radius_mm), np.count_nonzero(self.free)
         return int(3 + 2 * len(self.direction) + arcs + 2 * free)
 
@@ -133,7 +133,7 @@ class FittedRing:
 
     @property
     def arcs(self) -> tuple[Array, Array, Array]:
-        """Of its arcs, R of them: centre (R, 2), and begin and sweep (R,), rad, anticlockwise."""
+        """Return the R arcs of the ring: centre (R, 2), and begin and sweep (R,), rad, anticlockwise."""
         begin, end = self.ends
         begin, arcs = np.roll(begin, -1, axis=0), self.radius_mm > 0
         inward = np.stack([-self.ways[:, 1], self.ways[:, 0]], 1)
@@ -163,7 +163,7 @@ class FittedRing:
 
 
 def fitted_rings(images: StereoImages, rough: Sequence[Sequence[RoughPolygon]]) -> list[FittedRing]:
-    """Of closed regions of the left and the right image."""
+    """Fit a ring of sides and arcs to closed regions of the left and the right image."""
     found = list[FittedRing]()
     left, right = (
         [_Region.of(one, view.rectified) for one in own] for own, view in zip(rough, images.views, strict=True)
@@ -202,7 +202,7 @@ class _Region:
         )
 
     def apart(self, other: _Region) -> float:
-        """How unlike its rows are to another's."""
+        """Return how unlike its rows are to another's."""
         return float(np.abs(self.rows - other.rows).max())
 
 
@@ -279,7 +279,8 @@ def _straight(ring: Array, off_mm: float) -> list[tuple[int, int]]:
 
 
 def _sketch(origin: Array, axes: Array, ring: Array, sides: Sequence[tuple[int, int]], px_mm: float) -> FittedRing:
-    """With these stretches of a ring (M, 2) as its sides, the farther from where they meet they end the rounder."""
+    """Return the ring with these stretches of a ring (M, 2) as its sides; the farther from where they meet they end,
+    the rounder its corners."""
     direction, out, ends = list[float](), list[float](), list[Array]()
     for first, last in sides:
         points = ring[np.arange(first, last) % len(ring)]

@@ -92,7 +92,8 @@ class Rectified:
 
 @lru_cache(maxsize=4)
 def rectified(geometry: Baseline, columns: int, rows: int, slant: float) -> Rectified:
-    """For pictures of so many columns and rows, and a table that is seen at about such a slant."""
+    """Return the rectification for pictures of so many columns and rows, and a table that is seen at about such a
+    slant."""
     border = np.array([[x, y] for x in (0, columns / 2, columns - 1) for y in (0, rows / 2, rows - 1)])
     left, right = (camera.ideal(border) for camera in (geometry.left, geometry.right))
     per_unit = geometry.left.focal_px * COLUMNS / columns
