@@ -263,8 +263,8 @@ def _oriented_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:
 
 
 def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
-    """By what log odds a part is ahead of one laid at the same place by the edges that only one of them has, and by
-    whether it lies on the table."""
+    """Return the log odds by which a part is ahead of one at the same place by the edges that only one of them has, and
+    by whether it lies on the table."""
     edges = lead_by_own_edges(one.seen, other.seen) - LEAST_APART
     return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests]
 

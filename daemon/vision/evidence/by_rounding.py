@@ -49,17 +49,17 @@ class BorderSeen(NamedTuple):
 
     @property
     def gap_px(self) -> float:
-        """By how much the other part's border is farther in."""
+        """Return by how many px the other part's border is farther in."""
         return self.other_px - self.one_px
 
     @property
     def share(self) -> float:
-        """Where between the two it is: 0, at the one's; 1, at the other's."""
+        """Return where between the two the border is: 0, at the one's; 1, at the other's."""
         return (self.seen_px - self.one_px) / self.gap_px
 
 
 def nats_of(borders: list[BorderSeen]) -> float:
-    """By how much borders speak more for the one part than for the other; 0 where none is seen."""
+    """Return the log likelihood ratio of the one part against the other by borders; 0 where none is seen."""
     if not borders:
         return 0.0
     gap_px, gap_mm, share = (
@@ -78,7 +78,7 @@ def nats_of(borders: list[BorderSeen]) -> float:
 def borders_seen(
     one: Polyhedron, other: Polyhedron, one_from_other: Array, pose: Array, images: StereoImages
 ) -> list[BorderSeen]:
-    """What both cameras show where two parts differ in how round a corner is, at cyclopean_from_one (4, 4)."""
+    """Measure what both cameras show where two parts differ in how round a corner is, at cyclopean_from_one (4, 4)."""
     found = []
     for own, theirs in _differing(one, other, one_from_other):
         round_one = own.tangent_mm > theirs.tangent_mm
@@ -154,7 +154,7 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
 
 
 def _roundings_mm(solid: Polyhedron) -> float:
-    """How round a part's corners are, all together."""
+    """Return how round a part's corners are, all together."""
     return sum(bend.tangent_mm for bend in bends(solid))
 
 

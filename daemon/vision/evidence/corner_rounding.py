@@ -56,7 +56,7 @@ class Bend(NamedTuple):
 
     @property
     def stay_mm(self) -> float:
-        """How far the border stays from where the sides meet."""
+        """Return how far, mm, the border stays from where the sides meet."""
         return float(np.linalg.norm(self.curve_mm(self.tangent_mm) - self.corner_mm, axis=1).min())
 
     def curve_mm(self, tangent_mm: float) -> Array:
@@ -71,7 +71,7 @@ class Bend(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def bends(solid: Polyhedron) -> tuple[Bend, ...]:
-    """Where sides of a solid's facets meet that show, at an angle that sticks out of the facet."""
+    """Return where sides of a solid's facets meet that show, at an angle that sticks out of the facet."""
     return tuple(found for facet in range(len(solid.facets)) for found in _bends_of(solid, facet))
 
 
@@ -130,7 +130,7 @@ class Stay(NamedTuple):
     sides: Array
 
     def expected_px(self, curve: Array) -> float:
-        """Where a border that goes along a curve (N, 2) px from its own corner shows."""
+        """Return where a border shows that goes along a curve (N, 2) px from its own corner."""
         middle = self.sides.sum(0)
         middle = middle / np.linalg.norm(middle)
         aside = curve @ [-middle[1], middle[0]]
@@ -145,8 +145,8 @@ class Stay(NamedTuple):
 def stay_of(
     solid: Polyhedron, bend: Bend, tangent_mm: float, pose: Array, view: CameraImage, viewpoint_mm: Array
 ) -> Stay | None:
-    """Where a camera has the border at a bend of a solid at cyclopean_from_part (4, 4), whose sides are straight from
-    tangent_mm on; None where it does not show that."""
+    """Measure where a camera has the border at a bend of a solid at cyclopean_from_part (4, 4), whose sides are
+    straight from tangent_mm on; None where it does not show that."""
     camera = view.rectified.camera
     way_mm = bend.ways * bend.lengths_mm[:, None]
     px = camera.project(frames.apply(pose, np.vstack([bend.corner_mm, bend.corner_mm + way_mm,
@@ -215,7 +215,7 @@ def _line(
 
 
 def _border(view: CameraImage, seen: Stay, expected_px: float, steps: Array) -> float | None:
-    """How far from the corner the border is, half way between the levels of the facet and of what is beyond."""
+    """Return how far from the corner the border is, half way between the levels of the facet and of what is beyond."""
     middle = seen.sides.sum(0)
     middle = middle / np.linalg.norm(middle)
     levels = levels_across(view.smooth, seen.corner[None], middle[None], _ALONG_PX, _BESIDE_PX)[0]

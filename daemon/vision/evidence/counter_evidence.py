@@ -69,13 +69,13 @@ class CounterEvidence:
 
     @property
     def terms(self) -> tuple[float, float, float, float]:
-        """What the log odds of a near-duplicate grow with."""
+        """Return the terms that the log odds of a near-duplicate grow with."""
         lengths = float(np.log1p(self.both_px / MISSING_PX)), float(np.log1p(self.off_px / OFF_PX))
         return 100 * self.missing, *lengths, self.rival / RIVAL_NATS
 
     @property
     def duplicate(self) -> float:
-        """How likely what fits is a near-duplicate that was never taught."""
+        """Return the probability that what fits is a near-duplicate that was never taught."""
         return float(1 / (1 + np.exp(-DUPLICATE - np.dot(_WEIGHTS, self.terms))))
 
     def __str__(self) -> str:
@@ -171,8 +171,9 @@ class DuplicateLead(NamedTuple):
 
 
 def duplicate_lead(solid: Polyhedron, pose: Array, images: StereoImages, both: Sequence[EdgePlaces]) -> DuplicateLead:
-    """What the edges that only a near-duplicate has speak more for it than those that only the part has speak for that,
-    at cyclopean_from_part (4, 4), whichever near-duplicate is ahead; both: what both images show along its edges."""
+    """Return by how much the edges that only a near-duplicate has speak more for it than those that only the part has
+    speak for that, at cyclopean_from_part (4, 4), whichever near-duplicate is ahead; both: what both images show along
+    its edges."""
     others = near_duplicates(solid, pose, images, both)
     if not others:
         return DuplicateLead()

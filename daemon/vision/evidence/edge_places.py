@@ -59,7 +59,7 @@ class EdgePlaces:
 
 
 def edge_places(solid: Polyhedron, pose: Array, images: StereoImages) -> list[EdgePlaces]:
-    """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
+    """Measure what the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
     ends, count = solid.lines[0], len(solid.corners_mm)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     places = _on_arcs(solid, solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares)

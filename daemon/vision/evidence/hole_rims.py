@@ -30,8 +30,8 @@ former the least had 9 nats, of the latter the most -6. tests/bench/holes.py mak
 
 
 def hole_nats(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:
-    """How much more both pictures speak for the holes of a part at cyclopean_from_part (4, 4) than for none; 0 where it
-    has none in view."""
+    """Return how many nats more both pictures speak for the holes of a part at cyclopean_from_part (4, 4) than for
+    none; 0 where it has none in view."""
     return sum(rim_nats(both) for both in rims_seen(solid, pose, images, tolerance_mm)) if solid.holes else 0.0
 
 
@@ -60,7 +60,7 @@ class ByHoles(NamedTuple):
 
 
 def by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> ByHoles:
-    """What holes say of a part at a pose (4, 4): it is that, another turn of it, or another part of its shape."""
+    """Decide by holes what a part at a pose (4, 4) is: that, another turn of it, or another part of its shape."""
     own, best = model.metric[label].solid, dict[str, tuple[float, Array]]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
     for k in of_its_size(own, solids):
@@ -75,8 +75,8 @@ def by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> ByH
 
 
 def turned_by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> tuple[float, Array]:
-    """What pictures speak for the holes of a part in the turn of its shape for which they speak most, and that pose;
-    near a pose (4, 4), which it is where none is better."""
+    """Return the nats by which pictures speak for the holes of a part in the turn of its shape for which they speak
+    most, and that pose; near a pose (4, 4), which it is where none is better."""
     solid = model.metric[label].solid
     if not solid.holes:
         return 0.0, pose
@@ -87,7 +87,7 @@ def turned_by_holes(label: str, pose: Array, model: Model, images: StereoImages)
 
 
 def of_its_size(one: Polyhedron, solids: tuple[Polyhedron, ...]) -> list[int]:
-    """Which of solids have as many corners and facets as one: others have another shape."""
+    """Return which of solids have as many corners and facets as one: others have another shape."""
     return _by_size(solids).get((len(one.corners_mm), len(one.facets)), [])
 
 

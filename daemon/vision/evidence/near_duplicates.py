@@ -148,8 +148,8 @@ def _ends_early(ends: Mapping[int, float]) -> bool:
 
 
 def _missing_ends(solid: Polyhedron, both: Sequence[EdgePlaces]) -> dict[int, dict[int, float]]:
-    """Of each corner, by the corners at the other ends of its edges, the share of the edge that is missing there in
-    both images; infinite where neither shows it; nothing where no edge lacks enough for a cut."""
+    """Return of each corner, by the corners at the other ends of its edges, the share of the edge that is missing there
+    in both images; infinite where neither shows it; nothing where no edge lacks enough for a cut."""
     seen = np.array([one.visible for one in both])
     lacking = seen & (np.array([one.step for one in both]) < STEP)
     visible, row = (np.stack([one, one[..., ::-1]]) for one in (seen, lacking))  # from either end of each edge
@@ -188,7 +188,7 @@ def without_corner(solid: Polyhedron, corner: int, shares: Mapping[int, float]) 
 
 
 def _neighbours(solid: Polyhedron) -> list[set[int]]:
-    """Of each corner, those at the other ends of its edges."""
+    """Return of each corner those at the other ends of its edges."""
     found = [set[int]() for _ in solid.corners_mm]
     for one, other in solid.edges:
         found[one].add(other)

@@ -76,8 +76,8 @@ def hidden_places(
 
 
 def _bridged(changes: Index, crossed: Array, near: float) -> list[int]:
-    """Where runs of places begin and end, in turn, but for those on both sides of what crosses there: what crosses an
-    edge that is not there looks like a little of it."""
+    """Join runs of places, given by where they begin and end in turn, over what crosses there: what crosses an edge
+    that is not there looks like a little of it."""
     ends: list[int] = changes.tolist()
     for place in range(len(ends) - 3, 0, -2):
         if (np.abs(crossed[:, None] - ends[place : place + 2]) < near).all(1).any():
@@ -86,8 +86,8 @@ def _bridged(changes: Index, crossed: Array, near: float) -> list[int]:
 
 
 def _crossings(solid: Polyhedron, pose: Array, images: StereoImages, one: int) -> tuple[Index, Array, Array]:
-    """Where segments of a camera that lie nearer cross the edges of a part: the edges (N,) and shares (N,) of their
-    length; and the length (E,) of each, px."""
+    """Find where segments of a camera that lie nearer cross the edges of a part: the edges (N,) and shares (N,) of
+    their length; and the length (E,) of each, px."""
     geometry, view = images.geometry, images.views[one]
     mine, theirs = (geometry.left, geometry.right)[:: 1 - 2 * one]
     points, ends = frames.apply(pose, solid.corners_mm), solid.lines[0]

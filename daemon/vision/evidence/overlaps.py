@@ -80,7 +80,7 @@ def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float
 
 
 def covered(one: Recognised, model: Model, images: StereoImages) -> PlanarShape:
-    """What a named part covers in the left camera."""
+    """Return the shape that a named part covers in the left camera."""
     corners = frames.apply(one.part.cyclopean_from_part, model.metric[one.label].solid.corners_mm)
     return PlanarShape.hull(images.left.rectified.camera.project(corners))
 
@@ -94,7 +94,7 @@ def _covers(group: Group, outline: Rejected) -> bool:
 
 
 def _left_over(unnamed: Recognised, theirs: Callable[[Facet, bool], bool], model: Model) -> list[Recognised]:
-    """What remains of an unnamed group: all of it, or its facets that are nobody else's, each alone."""
+    """Return what remains of an unnamed group: all of it, or its facets that are nobody else's, each alone."""
     alone = len(unnamed.group.facets) == 1
     own = [k for k, facet in enumerate(unnamed.group.facets) if not theirs(facet, alone)]
     if len(own) == len(unnamed.group.facets):

@@ -27,9 +27,9 @@ LEAST_PRINT = 25.0
 
 
 def face_consistency(solid: Polyhedron, pose: Array, images: StereoImages, apart_px: float = 0.0) -> float | None:
-    """How alike the print is that both cameras show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
-    nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there, along
-    epipolar lines, the cameras have it."""
+    """Return how alike the print is that both cameras show on the faces of a part at cyclopean_from_part (4, 4): 1 the
+    same, 0 nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there,
+    along epipolar lines, the cameras have it."""
     total = apart = count = 0.0
     most = np.array(images.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
@@ -64,7 +64,7 @@ def print_apart_px(solid: Polyhedron, pose: Array, images: StereoImages) -> floa
 
 
 def _seen(points: Array, images: StereoImages, apart_px: float) -> tuple[Array, Array]:
-    """Where either camera has points (N, 3) that are so much farther apart in both, (N, 2) px each."""
+    """Project points (N, 3), that are so much farther apart in both cameras, into either, (N, 2) px each."""
     geometry = images.geometry
     left, right = geometry.project(points)
     shift = np.array([apart_px / geometry.right.focal_px, 0.0])

@@ -62,7 +62,7 @@ class RegisteredPart:
 
     @cached_property
     def covers(self) -> PlanarShape:
-        """What it covers in the left camera."""
+        """The shape that it covers in the left camera."""
         return PlanarShape.hull(self.left_px)
 
     @property
@@ -77,7 +77,7 @@ class RegisteredPart:
         return measure_at(self.solid, self.pose, self.search.images, self.search.model, self.seen)
 
     def without_hidden(self) -> RegisteredPart:
-        """The same without the stretches of its edges that something nearer hides."""
+        """Return the same without the stretches of its edges that something nearer hides."""
         images = self.search.images
         hidden = hidden_of(self.solid, self.pose, images, edge_places(self.solid, self.pose, images))
         if not any(one.any() for one in hidden):
@@ -91,7 +91,7 @@ class RegisteredPart:
 
 
 def _but_for(seen: EdgeSamples, solid: Polyhedron, hidden: Flags) -> EdgeSamples:
-    """What edges show without what is hidden (L, S) along those of a solid, as EdgePlaces has them."""
+    """Return what edges show without what is hidden (L, S) along those of a solid, as EdgePlaces has them."""
     which = np.array([solid.line_numbers[a, b] for a, b in seen.edges.ends.tolist()], np.intp)
     stretches = seen.visible.shape[1]
     own = hidden[which].reshape(len(which), stretches, hidden.shape[1] // stretches).mean(2) > 0.5

@@ -182,8 +182,8 @@ def promising(
     maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap],
     further: Array | float = 0.0,
 ) -> tuple[Index, Array]:
-    """Which (Q,) of many poses a few places of the left camera, and further nats (G,), already speak for, and how many
-    nats (Q,)."""
+    """Select which (Q,) of many poses a few places of the left camera, and further nats (G,), already speak for, and
+    how many nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
     edges = posed.edges(geometry.cameras_mm[0])
     nats, _ = _of_one_camera(len(posed.part), *edges, left, maps[0], GLANCED)
@@ -205,8 +205,8 @@ def _of_one_camera(
 
 
 def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: DirectionalEdgeMap) -> float:
-    """What the left camera's segments would give a part, shown as at this pose (4, 4), at another place nearby, over
-    what they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
+    """Return what the left camera's segments would give a part, shown as at this pose (4, 4), at another place nearby,
+    over what they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
     one = PoseBatch(SolidBatch.of([solid]), np.zeros(1, np.intp), pose[None])
     _, ends = one.edges(geometry.cameras_mm[0])
     corners = ideal(one.corners_mm(geometry), geometry)[0]

@@ -70,7 +70,7 @@ class CameraJunctions:
         return CameraJunctions(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
 
     def longer_first(self) -> CameraJunctions:
-        """The same, the longer arm of each first."""
+        """Return the same junctions, the longer arm of each first."""
         each, longer = np.arange(len(self.at)), np.linalg.norm(self.arms, axis=2).argmax(1)
         order = np.stack([longer, 1 - longer], 1)
         return CameraJunctions(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
@@ -210,8 +210,8 @@ def _turned_apart(points: Array, motions: Array) -> Array:
 
 
 def _corner_frames(at: Array, one: Array, other: Array) -> tuple[Array, Array, Array]:
-    """Of corners at points (N, 3) with edges to others (N, 3): part_from_corner (N, 4, 4), the cosine (N,) between both
-    edges, and how long they are (N, 2), mm."""
+    """Return of corners at points (N, 3) with edges to others (N, 3): part_from_corner (N, 4, 4), the cosine (N,)
+    between both edges, and how long they are (N, 2), mm."""
     lengths = np.stack([np.linalg.norm(end - at, axis=1) for end in (one, other)], 1)
     x, to = ((end - at) / lengths[:, k, None] for k, end in enumerate((one, other)))
     return frames.rigid(basis(x, to), at), (x * to).sum(1), lengths

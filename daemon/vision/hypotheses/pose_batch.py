@@ -80,7 +80,7 @@ class PoseBatch:
 
 
 def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
-    """Where either camera sees points (..., 3) as PoseBatch.corners_mm has them: ideal coordinates (N, 2) each."""
+    """Project points (..., 3), as PoseBatch.corners_mm has them, into either camera: ideal coordinates (N, 2) each."""
     x, y, z = np.moveaxis(corners_mm, -1, 0).reshape(3, -1)
     by_z = 1 / z
     height, half = y * by_z, np.float32(geometry.length_mm / 2)
@@ -88,6 +88,6 @@ def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
 
 
 def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
-    """Where either camera sees points (N, 3) mm cyclopean: (N, 2) px each."""
+    """Project points (N, 3) mm cyclopean into either camera: (N, 2) px each."""
     left, right = geometry.project(points)
     return geometry.left.pixels(left), geometry.right.pixels(right)

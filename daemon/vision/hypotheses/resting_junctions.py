@@ -62,7 +62,8 @@ class RestingJunctions:
 
 @lru_cache(maxsize=4)
 def resting_junctions_of(shapes: tuple[Polyhedron, ...]) -> RestingJunctions:
-    """Those whose first edge says how the part is turned; angles are of a kind that round to the same."""
+    """Return the junctions whose first edge says how the part is turned; angles are of a kind that round to the
+    same."""
     taught, planes = taught_junctions(shapes), resting_planes_of(shapes)
     count = np.array([len(each) for each in planes], np.intp)
     every = np.concatenate([np.zeros((0, 4)), *planes])
@@ -118,8 +119,8 @@ def poses_on_support(
 def possible_places(
     corners: CameraJunctions, taught: RestingJunctions, up: Array, viewpoint_mm: float
 ) -> tuple[Index, Array, Array]:
-    """Which taught corners (N,) could lie where, (N, 3) mm from the camera, and where both of their edges point then
-    (2, N, 3), in axes of the baseline; the camera is so high over the table, up (3,) is away from that."""
+    """Return which taught corners (N,) could lie where, (N, 3) mm from the camera, and where both of their edges point
+    then (2, N, 3), in axes of the baseline; the camera is so high over the table, up (3,) is away from that."""
     ray = np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1)
     slope = -ray @ up
     flat = slope > LEAST_SLOPE
@@ -154,7 +155,8 @@ def _ways(bearing: Array, angles: Array, axes: Array) -> Array:
 
 
 def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> tuple[Index, Index, Array]:
-    """Which kind of corner (N,) could be which one that is seen (N,), and the bearing (N,) of its first edge then."""
+    """Return which kind of corner (N,) could be which one that is seen (N,), and the bearing (N,) of its first edge
+    then."""
     first, second = corners.arms[:, 0], corners.arms[:, 1]
     across = np.cross(ray, np.concatenate([first, np.zeros((len(first), 1))], 1)) @ axes.T
     slopes, of_slope = np.unique(kinds[:, 0], return_inverse=True)
@@ -184,8 +186,8 @@ def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> 
 
 
 def _most_evident(at: Array, ways: Array, lengths_mm: Array, seen: DirectionalEdgeMap) -> Index:
-    """Of corners at (N, 3) from a camera, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
-    it has most of."""
+    """Return of corners at (N, 3) from a camera, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES
+    whose edges it has most of."""
     nats = np.zeros(len(at), np.float32)
     start = ((at[:, :2] / at[:, 2:] - seen.origin) * seen.scale).astype(np.float32)
     for k, way in enumerate(ways):

@@ -56,7 +56,7 @@ class SupportPlane:
 
     @classmethod
     def of(cls, seen: TablePlane | None, known: TablePlane | None) -> SupportPlane | None:
-        """What is seen, else what is known, if anything is."""
+        """Return the plane that is seen, else the one that is known, if any."""
         return cls(seen, True) if seen else cls(known, False) if known else None
 
 
@@ -68,7 +68,7 @@ def resting_planes(solid: Polyhedron) -> Array:
 
 @lru_cache(maxsize=4)
 def resting_planes_of(shapes: tuple[Polyhedron, ...]) -> list[Array]:
-    """The same of several solids, those that have as many corners together."""
+    """Return the resting planes of several solids, those that have as many corners together."""
     found = [np.zeros((0, 4))] * len(shapes)
     counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
     for count in np.unique(counts).tolist():
@@ -116,7 +116,7 @@ def _on_facets(solid: Polyhedron) -> Array:
 
 
 def _turned_apart(planes: Array) -> Array:
-    """Of planes (N, 4) the first of those that are turned alike."""
+    """Keep of planes (N, 4) the first of those that are turned alike."""
     alike = planes[:, :3] @ planes[:, :3].T >= SAME_TURN
     left, found = np.ones(len(planes), bool), list[int]()
     for k in range(len(planes)):
@@ -142,8 +142,8 @@ def lies_on_support(ground: SupportPlane, solid: Polyhedron, pose: Array) -> boo
 
 
 def nearest_resting_plane(solid: Polyhedron, down: Array) -> tuple[Array, Array]:
-    """Of the planes that a solid can rest on, the one that faces most down, a direction (3,) in the part: its outward
-    normal (3,), as the corners in it have it, and their middle (3,)."""
+    """Return of the planes that a solid can rest on the one that faces most down, a direction (3,) in the part: its
+    outward normal (3,), as the corners in it have it, and their middle (3,)."""
     planes = resting_planes(solid)
     normal, level = np.split(planes[(planes[:, :3] @ down).argmax()], [3])
     foot = solid.corners_mm[solid.corners_mm @ normal > level - FLAT_MM]

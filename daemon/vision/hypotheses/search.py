@@ -77,7 +77,7 @@ class Search:
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
-        """Where straight segments meet, in either camera."""
+        """The corners where straight segments meet, of either camera."""
         left, right = (segment_corners(joined(view.segments)) for view in self.images.views)
         return left, right
 
@@ -121,7 +121,8 @@ def hypotheses_from_facets(search: Search, spent: Callable[[], float]) -> Ranked
 
 
 def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By corners that both cameras see, and by facets that have no name if these were not asked by themselves."""
+    """Return hypotheses from corners that both cameras see, and from facets that have no name if these were not asked
+    by themselves."""
     left, right = search.corners
     if spent() > SEARCHED:
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
@@ -139,12 +140,12 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
 
 
 def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
-    """What circles could be rims of, and what further circles speak for each, nats (G,)."""
+    """Return what circles could be rims of, and what further circles speak for each, nats (G,)."""
     return poses_from_circles(search.circles, taught_solids(search.model))
 
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
-    """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
+    """Return what facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
     found = [suspected_poses(facet, search.model) for group in search.unnamed for facet in group.facets]
     part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
     posed = PoseBatch(
@@ -162,7 +163,7 @@ def _laid_down(search: Search, posed: PoseBatch, hinges: Array) -> tuple[PoseBat
 
 
 def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By corners that one camera sees; nothing where no table is known."""
+    """Return hypotheses from corners that one camera sees; nothing where no table is known."""
     if search.ground is None or spent() > SEARCHED:
         return RankedHypotheses([], 0)
     solids, geometry = taught_solids(search.model), search.images.geometry
@@ -199,7 +200,7 @@ def _likeliest(
 
 
 def varied_guesses(guesses: ScoredPoses) -> Index:
-    """Those that both cameras are asked of: where they are too many, a few of every bundle."""
+    """Select the guesses that both cameras are asked of: where they are too many, a few of every bundle."""
     if len(guesses.against) <= MOST_PROMISING:
         return np.arange(len(guesses.against))
     few = thinned(guesses, OF_A_BUNDLE)
@@ -246,7 +247,7 @@ class ScoredPoses:
 
 
 def thinned(guesses: ScoredPoses, of_each: int = 1) -> Index:
-    """Which are the likeliest few of every bundle of guesses of one part at much the same pose."""
+    """Select the likeliest few of every bundle of guesses of one part at much the same pose."""
     posed = guesses.posed
     cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
     bundle = np.rint(np.concatenate(cells, 1)).astype(np.int64) @ _BUNDLE
@@ -255,8 +256,8 @@ def thinned(guesses: ScoredPoses, of_each: int = 1) -> Index:
 
 
 def distinct(guesses: ScoredPoses, images: StereoImages) -> Iterator[tuple[int, Array]]:
-    """Which of a few hundred have the middle of what shows inside both images, the likeliest first, none of which looks
-    like an earlier one; and where the left camera sees all corners of each (K, 2) px."""
+    """Select which of a few hundred have the middle of what shows inside both images, the likeliest first, none of
+    which looks like an earlier one; and where the left camera sees all corners of each (K, 2) px."""
     posed = guesses.posed
     if not len(posed.part):
         return

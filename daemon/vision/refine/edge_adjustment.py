@@ -148,13 +148,14 @@ def _solved(
 
 
 def _usual_px2(doubt: Array, trust: Array) -> float:
-    """What the ends (E, 2, 2) of lines trusted so much (E,) are doubted by, harmonic mean."""
+    """Return the harmonic mean of what the ends (E, 2, 2) of lines trusted so much (E,) are doubted by."""
     variance = np.trace(doubt, axis1=1, axis2=2) / 2
     return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
 
 
 def wear_of(found_mm: float, variance_mm2: float) -> tuple[float, float]:
-    """How far a part's edges have drawn back, and its variance, where a fit that takes it for worn says found_mm.
+    """Return how far a part's edges have drawn back, and its variance, where a fit that takes it for worn says
+    found_mm.
 
     Most parts are not worn, and no edge grows: what is said is the mean over both cases. Source: Savage and Dickey's
     ratio of the densities at nought (Dickey 1971).
@@ -243,8 +244,8 @@ MORE = 1.02
 
 
 def most_in_view(solid: Polyhedron, poses: Array, images: StereoImages) -> int:
-    """Which of the poses (P, 4, 4) cyclopean_from_part has most of what was taught in view; the first where none has
-    notably more."""
+    """Return which of the poses (P, 4, 4) cyclopean_from_part has most of what was taught in view; the first where none
+    has notably more."""
     if len(poses) < 2:
         return 0
     areas = _in_view_px2(solid, poses, images)

@@ -123,11 +123,11 @@ class OutlinedFacet:
 
 
 def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Located | None:
-    """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
-    None where too few edges show for that.
+    """Find where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images'
+    edges; None where too few edges show for that.
 
-    Source: edges searched for across their expected places, the pose by least squares on their ends (as Harris's
-    RAPiD does point by point), then on sub-pixel lines until it moves no more.
+    Source: edges searched for across their expected places, the pose by least squares on their ends (as Harris's RAPiD
+    does point by point), then on sub-pixel lines until it moves no more.
     """
     solids, poses = SolidBatch.of([shape]), near[None]
     for share in ROUGHLY:
@@ -154,7 +154,7 @@ def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_
 def _project_unhidden_edges(
     solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> tuple[ExpectedEdges, ExpectedEdges]:
-    """What the left and the right camera should see of one placement: the edges that the part itself does not hide."""
+    """Project one placement into the left and the right camera: the edges that the part itself does not hide."""
     both = project_edges(solids, images, poses, np.ones(1, bool), tolerance_mm)
     if solids.shapes[0].convex:
         return both
@@ -229,7 +229,7 @@ def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm:
 
 
 def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
-    """As fit_by_edges, but what the left and the right camera say by themselves, for cameras whose places against each
+    """Fit as fit_by_edges does, but by the left and the right camera separately, for cameras whose places against each
     other are in doubt."""
     both = fit_by_edges(shape, images, near, reach_mm)
     if both is None:
@@ -264,8 +264,8 @@ def outline_coverage(shape: Polyhedron, images: StereoImages, pose: Array, reach
 
 
 def clear_edge_fraction(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> float:
-    """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
-    where too few of them show on their place."""
+    """Return how surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its
+    edges, 0 where too few of them show on their place."""
     found = locate_by_edges(shape, images, near, reach_mm)
     return 0.0 if found is None or not _is_supported(found) else _clear_fraction(found, images)
 
@@ -273,9 +273,9 @@ def clear_edge_fraction(shape: Polyhedron, images: StereoImages, near: Array, re
 def vanished_edge_fraction(
     shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float
 ) -> float:
-    """How surely a part lay within some reach_mm of `near` (4, 4) cyclopean_from_part before, and does no longer: the
-    share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
-    """
+    """Return how surely a part lay within some reach_mm of `near` (4, 4) cyclopean_from_part before, and does no
+    longer: the share of its edges that were clear before and are not after; 0 where too few of them showed on their
+    place before."""
     found = locate_by_edges(shape, before, near, reach_mm)
     if found is None or not _is_supported(found):
         return 0.0
@@ -300,8 +300,8 @@ def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flag
 
 
 def count_visible_facets(shape: Polyhedron, images: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
-    """How many facets of a part at cyclopean_from_part (4, 4) the pictures show, by what either camera has along its
-    edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
+    """Count the facets of a part at cyclopean_from_part (4, 4) that the pictures show, by what either camera has along
+    its edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
     in_view = facets_in_view(shape, images, pose)
     of_both: Flags = np.asarray(in_view.all(0))
     if not of_both.any():
@@ -381,13 +381,14 @@ def solved_motion(
 
 
 def _fraction_of_length(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
-    """Of the length of all edges in both cameras, that of the good ones."""
+    """Return the fraction of the length of all edges in both cameras that the good ones have."""
     lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
     return float(lengths @ np.concatenate(good) / max(lengths.sum(), 1e-9))
 
 
 def _outline_fraction(edges: ExpectedEdges, good: Flags) -> float:
-    """Of the length of the outline in one camera, that of the good edges; 0 where none of it is in view."""
+    """Return the fraction of the length of the outline in one camera that the good edges have; 0 where none of it is in
+    view."""
     lengths = edges.lengths_px * edges.outline
     return float(lengths[good].sum()) / float(lengths.sum()) if lengths.sum() > 0 else 0.0
 
@@ -401,8 +402,8 @@ def _clear_edges(seen: EdgeObservation, view: CameraImage) -> Flags:
 
 
 def _likeliest_outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
-    """Most likely corners given the model and the sides that were found, each doubted by as much as Student's t has it
-    of a side that is so far off its place."""
+    """Return the most likely corners given the model and the sides that were found, each doubted by as much as
+    Student's t has it of a side that is so far off its place."""
     assert seen.sides is not None
     which, turned = seen.edges.of_ring(ring)
     good = (which >= 0) & np.append(seen.on_place, False)[which]

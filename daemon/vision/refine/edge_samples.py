@@ -89,7 +89,7 @@ class EdgeSamples:
         return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
 
     def only(self, placement: int, solids: SolidBatch) -> EdgeSamples:
-        """Those of one placement."""
+        """Return the samples of one placement."""
         if len(solids.shapes) == 1:
             return self
         own = np.flatnonzero(self.edges.owner == placement)
@@ -106,8 +106,8 @@ class EdgeEvidence(NamedTuple):
 
     @classmethod
     def of(cls, both: Sequence[EdgeSamples], own: Sequence[Flags] | None = None) -> EdgeEvidence:
-        """By the stretches of both cameras along the edges of one placement, or along some of them, (E,) in either
-        camera."""
+        """Make it from the stretches of both cameras along the edges of one placement, or along some of them, (E,) in
+        either camera."""
         which = own or [np.ones(len(seen.surprise), bool) for seen in both]
         nats = sum(float(seen.nats[one].sum()) for seen, one in zip(both, which, strict=True))
         most = sum(float(seen.weight[one].sum()) for seen, one in zip(both, which, strict=True)) * (MOST_SURPRISE - 1)
@@ -117,7 +117,7 @@ class EdgeEvidence(NamedTuple):
 def edge_samples_of(
     solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> list[EdgeSamples]:
-    """What each camera shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for
+    """Measure what each camera shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for
     expected."""
     both, sigmas = _slopes(solids, images, poses, tolerance_mm, thin_px)
     size = np.abs(sigmas)

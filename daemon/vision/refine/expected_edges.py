@@ -39,7 +39,7 @@ LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 
 
 def corners_in(cameras: Sequence[Camera], cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
-    """Where each of C cameras sees corners (..., K, 3) of parts at poses (..., 4, 4): (C, N, 2) px, those of one part
+    """Project corners (..., K, 3) of parts at poses (..., 4, 4) into each of C cameras: (C, N, 2) px, those of one part
     after the other's, and their derivative (C, N, 2, 6) by a motion of the pose."""
     levers = corners_mm @ np.swapaxes(cyclopean_from_part[..., :3, :3], -1, -2)
     points = levers + cyclopean_from_part[..., None, :3, 3]
@@ -113,14 +113,15 @@ class ExpectedEdges:
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
 
     def of_ring(self, ring: Sequence[int]) -> tuple[Index, Flags]:
-        """Which edge each side of a facet is, -1 where none is expected, and which of them run the other way there."""
+        """Return which edge each side of a facet is, -1 where none is expected, and which of them run the other way
+        there."""
         at = {(a, b): k for k, (a, b) in enumerate(self.ends.tolist())}
         pairs = list(sides_of(ring))
         which = np.array([at.get(pair, at.get(pair[::-1], -1)) for pair in pairs], np.intp)
         return which, np.array([pair not in at and pair[::-1] in at for pair in pairs], bool)
 
     def only(self, own: Index, corners: slice) -> ExpectedEdges:
-        """The edges of one placement, its corners counted from its first."""
+        """Return what was found of one placement's edges."""
         return ExpectedEdges(
             np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
             self.jacobian[own], self.by_corner[own], self.outline[own], self.sharp[own], self.px_per_mm[own],
@@ -155,7 +156,7 @@ class EdgeObservation:
         return np.asarray((LINE_SIGMAS * ragged[:, None, None]) ** 2 * self.sides.covariance + MODEL_PX**2 * np.eye(2))
 
     def only(self, placement: int, solids: SolidBatch) -> EdgeObservation:
-        """What was found of one placement's edges."""
+        """Return what was found of one placement's edges."""
         if len(solids.shapes) == 1:
             return self
         own = np.flatnonzero(self.edges.owner == placement)
@@ -297,5 +298,5 @@ def measure_edges(
 
 
 def nothing_found(edges: ExpectedEdges) -> EdgeObservation:
-    """Of edges of which none is in view."""
+    """Return the result for edges of which none is in view."""
     return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))

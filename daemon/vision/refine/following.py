@@ -52,7 +52,7 @@ def fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_
 
 
 def _vague_mm(facet: Facet) -> float:
-    """How badly the facet's worst corner is known, mm."""
+    """Return how badly the facet's worst corner is known, mm."""
     return float(np.sqrt(np.trace(facet.covariance_mm2, axis1=1, axis2=2).max()))
 
 

@@ -68,7 +68,7 @@ class RimSeen(NamedTuple):
 
 
 def rims_seen(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float) -> list[list[RimSeen]]:
-    """Of each hole in view what each camera shows that has it in view."""
+    """Return of each hole in view what each camera shows that has it in view."""
     if not solid.holes:
         return []
     found = []
@@ -85,7 +85,7 @@ def rims_seen(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm
 
 
 def rim_places(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float) -> list[RimPlace]:
-    """Of the rims that surely are there and have their size, where either camera has them."""
+    """Return the places of the rims that surely are there and have their size, where either camera has them."""
     every = (seen for both in rims_seen(solid, pose, images, tolerance_mm) for seen in both)
     return [
         seen.place
@@ -97,7 +97,7 @@ def rim_places(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_m
 def _seen(
     solid: Polyhedron, hole: Hole, pose: Array, view: CameraImage, viewpoint_mm: Array, tolerance_mm: float
 ) -> RimSeen | None:
-    """What a camera shows of a hole; None where it is too small, or too much of it out of view."""
+    """Measure what a camera shows of a hole; None where it is too small, or too much of it out of view."""
     camera = view.rectified.camera
     ring_mm = frames.apply(pose, hole.ring_mm)
     ring_px = camera.project(ring_mm)
