@@ -42,10 +42,11 @@ FAMILIES = (
 """Dictionaries that extend each other, the smallest first: a marker of the smallest is in all of its family."""
 FEWEST_MARKERS = 6
 MOST_TRIED = 23
-"""Most corners of a row or a column of the boards that are tried."""
+"""Largest number of corners of a row or a column of the boards that are tried."""
 MOST_MARKERS = (MOST_TRIED + 1) ** 2 // 2
 OUTLIER_PASSES = 100
-"""Of LEAST_AGREEING four are picked together long before; OpenCV's 2,000 take most of a search that finds nothing."""
+"""Passes of the search for outliers: of LEAST_AGREEING four are picked together long before; OpenCV's 2,000 take most
+of a search that finds nothing."""
 OFF_SQUARES = 0.2
 """Largest distance, in squares, of a marker from its place in a layout."""
 LEAST_AGREEING = 0.8

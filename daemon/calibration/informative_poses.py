@@ -20,7 +20,7 @@ from daemon.calibration.hand_eye import PIXEL_SIGMA
 from daemon.vision.geometry import StereoRig
 
 FEW = 9
-"""So many corners, spread over the board, stand for all of it."""
+"""Number of corners, spread over the board, that stand for all of it."""
 RULER = (20.0, 0.2)
 """Standard deviations of a hand-eye entered by ruler, and of the board's place by it: mm and rad an axis."""
 

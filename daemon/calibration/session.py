@@ -61,7 +61,7 @@ from daemon.vision.geometry import StereoRig
 
 Say = Callable[[str], Awaitable[None]]
 MARGIN_SQUARES, PLATE_MM = 2.5, 10.0
-"""How far a board in the gripper reaches beyond its inner corners, in squares, and across its face."""
+"""Size of a board in the gripper beyond its inner corners, in squares, and across its face, mm."""
 
 
 class SessionError(FacetdError):

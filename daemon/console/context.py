@@ -80,7 +80,7 @@ class CommandContext:
     """How each camera exposes its rows, where `cameras moving` measured it; None: never tested."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
     _begun: PickOrder = ALL
-    """What the last auto was to bring."""
+    """The order that the last auto was to bring."""
 
     @property
     def parts(self) -> list[str]:

@@ -93,7 +93,7 @@ FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
 KEEPS_QUESTION = ("status", "help", "pause", "step", "confirm", "refuse")
 MOST_ASKED = 5
-"""How often a question is repeated after an invalid answer."""
+"""Largest number of times a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
     *("arm", "commission", "completion", "console", "dashboard", "demo", "export", "fleet", "recognise"),
     *("replay", "review", "runs", "script", "snap", "stream", "tail", "thesis"),
@@ -127,13 +127,13 @@ class ConsoleCommand:
     choices: Choices = ()
     """Values of the first argument, for completion and suggestions."""
     most: int | None = None
-    """Most arguments; None: the handler checks."""
+    """Largest number of arguments; None: the handler checks."""
     further: Further = nothing_further
     """Values of the second argument, for completion."""
     aliases: tuple[str, ...] = ()
     """Other names."""
     first: bool = False
-    """On the first screen of `help`."""
+    """Whether it is on the first screen of `help`."""
     looks: Looks = never
     """Whether it only looks with these arguments, whatever its grade."""
 

@@ -25,7 +25,7 @@ NO_FAULT = frozenset({CauseCode.OPERATOR_ABORT, CauseCode.OPERATOR_NO})
 IDEAL_QUANTILE = 0.1
 """The ideal cycle time is that of the fastest tenth of the good picks."""
 LEAST_PICKS = 5
-"""With fewer good picks that is no measure, and there is no OEE."""
+"""Least number of good picks for this measure; with fewer there is no OEE."""
 
 
 class Doing(Enum):

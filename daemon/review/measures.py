@@ -33,7 +33,7 @@ TITLES = {
 }
 AXES = ("pitch", "roll", "vergence")
 MOST_POINTS = 2000
-"""Most points of a line in the page: of more looks, each point is the worst of several."""
+"""Largest number of points of a line in the page: of more looks, each point is the worst of several."""
 
 Json = dict[str, Any]
 

@@ -26,10 +26,11 @@ from daemon.store.runs import RunError, check_wire, list_runs, read_run
 from daemon.store.yamlfile import LARGEST_BYTES
 
 PAGE_BYTES = 4_800_000
-"""Most bytes of a page beside its program, so that it opens fast and can be sent. Failed cycles have their looks and
-images first, then the newest."""
+"""Largest size, bytes, of a page beside its program, so that it opens fast and can be sent. Failed cycles have their
+looks and images first, then the newest."""
 DETAIL_BYTES = 6_000_000
-"""Of them, what a page shows of cycles once they are opened, before it is compressed to about a fourth."""
+"""Largest part of it, bytes, for what a page shows of cycles once they are opened, before it is compressed to about a
+fourth."""
 LINK_BYTES = 50
 """About what naming an image takes."""
 JPEG_QUALITY = 72

@@ -24,7 +24,7 @@ from daemon.review.why import causes, in_plain_words
 from daemon.store.place_status import PlaceStatus
 
 MOST_CYCLES = MOST_EVENTS = 1000
-"""Most cycles and events shown, the newest ones; figures and measures cover all."""
+"""Largest number of cycles and events shown, the newest ones; figures and measures cover all."""
 Json = dict[str, Any]
 
 
@@ -94,7 +94,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
 
 
 LAID: dict[str, str] = {PlaceStatus.SET: "let go", PlaceStatus.OFF: "seen off", PlaceStatus.MISSING: "not seen"}
-"""Of a part laid down, where the status by itself does not say it."""
+"""Text for a part laid down, where the status by itself does not say it."""
 
 
 def _decided(record: Record) -> Json:
@@ -177,7 +177,7 @@ def _move(record: Json) -> Json:
 
 
 OF_MOVES = {"hand": "gripper ", "refusal": "refused: "}
-"""Of the text of what followed a look, by kind."""
+"""Beginning of the text of what followed a look, by kind."""
 
 
 def state_seconds(cycle: Cycle) -> dict[str, float]:
@@ -268,7 +268,7 @@ PREFIXES = {
     "refusal": "the guard refused: ", "gap": "records are missing: ", "run_end": "the run ended: ",
     **dict.fromkeys(("note", "operator", "model", "eyes", "gained", "uncounted", "clock"), ""),
 }  # fmt: skip
-"""Of the text of an event, by kind; others have their kind before it."""
+"""Beginning of the text of an event, by kind; others have their kind before it."""
 
 
 def _event_text(record: Json) -> str:

@@ -30,7 +30,7 @@ SLANTED_DEG = 10.0
 BLURRED, FAR_BEYOND = 0.8, 2.0
 """Weight of images blurred beyond so many times the limit, where looks disagree for no other reason."""
 OUTLINES = 4
-"""So many outlines in each image without a facet: the cameras do not fit each other."""
+"""Least number of outlines in each image without a facet at which the cameras do not fit each other."""
 
 
 CLASS_ENDS = ("Error", "Refused", "Elsewhere")

@@ -9,11 +9,11 @@ HOUSE = Path(__file__).resolve().parents[2]
 ETC = (Path(__file__).resolve().parents[1] / "etc").resolve()
 """The settings that come with the program: etc/ of the checkout, which a wheel has inside the package."""
 INSTALLED_PROGRAM = Path("/usr/lib/facetd")
-"""Where the Debian package has it (debian/rules)."""
+"""Folder of the program where the Debian package has it (debian/rules)."""
 INSTALLED_CONFIG = Path("/etc/facetd/facetd.yaml")
 INSTALLED_STATE = Path("/var/lib/facetd")
 SIMULATED_STATE = Path("/var/lib/facetd-simulated")
-"""Of the simulated cell as the service (deploy/simulated.conf)."""
+"""State folder of the simulated cell as the service (deploy/simulated.conf)."""
 INSTALLED_RUNTIME = Path("/run/facetd")
 SOCKET_NAME = "facetd.sock"
 

@@ -15,7 +15,7 @@ UNREADABLE = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, MemoryError, OSError, OverflowError, RuntimeError,
     SyntaxError, TypeError, ValueError,
 )  # fmt: skip
-"""What zipfile and numpy raise for damaged archives."""
+"""Exceptions that zipfile and numpy raise for damaged archives."""
 EPOCH = (1980, 1, 1, 0, 0, 0)  # time stamp of every member, so that equal models give equal bytes
 
 

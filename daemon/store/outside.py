@@ -18,7 +18,7 @@ from daemon.errors import FacetdError
 READ_ONLY = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 """Opening never waits for the writer of a FIFO, and no terminal becomes the daemon's controlling terminal."""
 JSON_ERRORS = (msgspec.MsgspecError, RecursionError, UnicodeDecodeError)
-"""What decoding JSON may raise, whatever the bytes."""
+"""Exceptions that decoding JSON may raise, whatever the bytes."""
 PIECE = 1 << 20
 
 

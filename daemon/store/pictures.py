@@ -19,7 +19,7 @@ ALONE, NO_SEGMENT = frozenset({0x01, *range(0xD0, 0xD8)}), frozenset({0x00, 0xD8
 """Markers without a length field (T.81 B.1.1.3), and markers that may not precede the size."""
 SCAN = b"\xff\xda"
 NETPBM = re.compile(rb"P[2356](?:\s|#[^\r\n]*[\r\n])+(\d{1,9})\s(?:\s|#[^\r\n]*[\r\n])*(\d{1,9})\s")
-"""As OpenCV reads it, which takes the character after a number for a space."""
+"""Header of a Netpbm file as OpenCV reads it, which takes the character after a number for a space."""
 CORE_HEADER = 12
 """Bytes of a bitmap's older header, whose sides are 16 bits."""
 _AROUND = 12
@@ -30,7 +30,8 @@ LARGEST_BYTES = 50_000_000
 MOST_PIXELS = 20_000_000
 """Largest decoded image; a file of 1 MB can declare a thousand million pixels."""
 MOST_SCANS = 100
-"""Most scans of a JPEG: each costs a pass over all pixels, of as few as thirty bytes; progressive files have ten."""
+"""Largest number of scans of a JPEG: each costs a pass over all pixels, of as few as thirty bytes; progressive files
+have ten."""
 
 
 class PictureError(FileError):

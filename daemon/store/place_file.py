@@ -32,9 +32,9 @@ BIN = "bin"
 """The name that a job uses for the bin."""
 MOST_PLACES = 1000
 RESIDUAL_MM = 2.0
-"""How far a pattern's fourth corner may be from where the other three put it."""
+"""Largest distance, mm, of a pattern's fourth corner from where the other three put it."""
 SQUARE_DEG = 5.0
-"""How far the two directions of a pattern may be from a right angle before that counts as a mistake."""
+"""Largest angle, degrees, of the two directions of a pattern from a right angle before that counts as a mistake."""
 
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Row4 = tuple[float, float, float, float]

@@ -31,7 +31,7 @@ FILE = "place-status.json"
 """File name in the state folder."""
 MEND = "look at every place, delete the file, and set each with `place check` or `place clear`"
 MOST_LEFT = 1000
-"""Most spots with a left part that are stored; older ones are dropped."""
+"""Largest number of spots with a left part that are stored; older ones are dropped."""
 AT_PLACE_MM = 40.0
 """A part counts as at a place where their middles are no farther apart."""
 
@@ -60,7 +60,7 @@ class PlaceStatus(StrEnum):
 FILLABLE = frozenset({PlaceStatus.FREE, PlaceStatus.EMPTIED})
 """A part may be brought there."""
 UNSEEN = frozenset({PlaceStatus.CLAIMED, PlaceStatus.SET, PlaceStatus.TO_LOOK_AT})
-"""To be looked at before a part is brought there."""
+"""Statuses of places to be looked at before a part is brought there."""
 LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.FREE: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
     PlaceStatus.EMPTIED: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
@@ -71,7 +71,7 @@ LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.MISSING: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
     PlaceStatus.TO_LOOK_AT: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
 }
-"""Which status may follow which. EMPTIED, and the present status again, are always allowed."""
+"""Statuses that may follow each status. EMPTIED, and the present status again, are always allowed."""
 
 
 @dataclass(frozen=True, eq=False)

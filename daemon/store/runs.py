@@ -27,7 +27,7 @@ LARGEST_RUN = 256_000_000
 """Bytes read of one run.jsonl. The daemon starts a new run folder long before (log.roll_mb, which counts pictures
 too)."""
 MOST_RUNS = 5_000
-"""Most runs kept, however small: each one is scanned at every start and every minute."""
+"""Largest number of runs kept, however small: each one is scanned at every start and every minute."""
 RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'

@@ -33,7 +33,7 @@ UNIONS = (typing.Union, types.UnionType)
 KIND = "kind"
 """The key that says which kind a section is of, where it may be of several."""
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
-"""What YAML 1.1 reads as octal or in base 60, where a person means a number with zeros, or a time."""
+"""Pattern of what YAML 1.1 reads as octal or in base 60, where a person means a number with zeros, or a time."""
 BASE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """libyaml's where available (PyYAML's own packages have it): ten times as fast."""
 FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
@@ -47,7 +47,7 @@ class LOADER(BASE_LOADER):  # type: ignore[misc]
 LOADER.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 LARGEST_BYTES = 1_000_000
 MOST_VALUES, DEEPEST = 50_000, 40
-"""Most values of a file with its aliases expanded, and its deepest nesting."""
+"""Largest number of values of a file with its aliases expanded, and its deepest nesting."""
 
 
 class ConfigError(FileError):

@@ -19,7 +19,7 @@ it."""
 CROSSING_SIN = 0.1
 LEAST_DETERMINANT = 0.05
 FARTHEST_MM = 5.0
-"""How far a border may be extended."""
+"""Largest distance, mm, by which a border may be extended."""
 SAME_MM = 0.05
 
 

@@ -17,7 +17,7 @@ Edge = tuple[int, int]
 SAME_CORNER_MM = 0.01
 """Corners nearer than half of this along each axis are one corner."""
 SPLITS = 8
-"""How often an edge is split again while corners lie in its pieces."""
+"""Largest number of times that an edge is split again while corners lie in its pieces."""
 LEAST_VOLUME_MM3 = 1.0
 
 

@@ -17,10 +17,10 @@ STRIP_RAD = np.radians(31.0)
 ALIKE_WIDTHS = 3.0
 """Largest ratio of widths of neighbouring strips; a flat face is wider than the strips of its fillet."""
 FEWEST_STRIPS, SURE_STRIPS, EVENLY = 3, 6, 1.5
-"""From how many neighbouring flat faces they are a curved surface; fewer than the second must turn evenly, within the
+"""Least number of neighbouring flat faces that are a curved surface; fewer than the second must turn evenly, within the
 third."""
 ROUND_SHARE = 0.02
-"""How far corners of a cylinder may be off its circle, as a share of the radius."""
+"""Largest distance of corners of a cylinder from its circle, as a share of the radius."""
 ALONG_SIN = 0.02
 """Largest inclination of a cylinder's normals along its axis."""
 COVER_RAD = np.radians(30.0)

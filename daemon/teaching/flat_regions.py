@@ -14,7 +14,7 @@ from daemon.vision.geometry import area_vector, border_loops, sides_of
 
 SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
 FIRST_GUESS = 3.0
-"""How much worse a plane through one triangle with rounded corners is than one through all of a facet."""
+"""Factor by which a plane through one triangle with rounded corners is worse than one through all of a facet."""
 NO_AREA_MM2 = 1e-3
 
 

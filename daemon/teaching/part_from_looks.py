@@ -21,9 +21,9 @@ from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_s
 AT_TABLE_MM = 3.0
 """An edge with both ends this near to the table is where the part touches it."""
 LEAST_SEEN, LEAST_OPEN = 2, 4
-"""From how many places a side must be seen to be learnt, unless others close it in: one seen once may be a shadow. The
-second number applies where nothing is known beyond one of its edges above the table, and another side of the part is in
-front of it, whose shadow may end there; then all its corners must have been measured, too."""
+"""Least number of places from which a side must be seen to be learnt, unless others close it in: one seen once may be a
+shadow. The second number applies where nothing is known beyond one of its edges above the table, and another side of
+the part is in front of it, whose shadow may end there; then all its corners must have been measured, too."""
 IN_PLANE_MM = 1.0
 DOUBTFUL_MM = 1.5  # a side with a corner no better known than this is not learnt
 FIT_MM = 0.5

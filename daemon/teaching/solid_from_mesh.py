@@ -21,7 +21,7 @@ from daemon.vision.geometry import OutlineArc, Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
 MOST_PIECES = 6000
-"""Most flat pieces of a surface that are examined; a machined part's drawing has fewer."""
+"""Largest number of flat pieces of a surface that are examined; a machined part's drawing has fewer."""
 MOST_FACETS = 200
 WORN = "small fillets and chamfers ({} in all, those that meet as one) are taken for edges that are worn"
 DRAWN_MM = 0.05

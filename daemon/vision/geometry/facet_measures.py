@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry.polygon import Rings, rings
 
 CHORD_MM = 0.6
-"""How far the chords of an arc are off it, half inside and half outside, so that an arc of 10 mm and more has chords
+"""Distance, mm, of the chords of an arc from it, half inside and half outside: an arc of 10 mm and more then has chords
 long enough for a look (12 px). On 19 rendered looks at parts with rounded ends 12 were named right with this value, 8
 with 0.3 and 2 with larger ones."""
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])

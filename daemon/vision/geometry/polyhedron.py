@@ -22,7 +22,8 @@ from daemon.vision.geometry.polygon import sides_of
 
 FLAT_MM = 0.5  # so far before a facet's plane lie corners that are measured, not exact
 CHORD_MM, BESIDE_ARC = 0.7, 0.3
-"""How far off its arc a chord may end, and its middle, as a share of its length, off the points along the arc."""
+"""Largest distance from the points along an arc, mm, of the ends of a chord, and, as a share of its length, of its
+middle."""
 PARALLEL = 0.98
 """Cosine from which on two directions of a solid are one."""
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite

@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 
 CORNER_PX = 0.15
-"""By how much a corner of a whole facet is found off in one image."""
+"""Standard deviation, px, of a corner of a whole facet in one image."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ SHARP = 1e9
 """Holds an unknown that would be negative to nought."""
 
 LEAST_VARIANCE = 1e-12
-"""Of the largest of a covariance, that any of it is taken for at least."""
+"""Smallest share of the largest variance of a covariance that any of its variances is taken for."""
 STEPS = 2  # Gauss-Newton steps after the closed-form start; a third would be below a micrometre
 
 

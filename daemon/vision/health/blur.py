@@ -20,7 +20,7 @@ SOBEL_VAR, PIXEL_VAR = 0.5, 1.0 / 12.0
 DIRECTIONS = 6
 LEAST_EDGES = 40
 LEAST_CHANGE = 1.2
-"""Where means of such blocks differ from their neighbours' by fewer grey levels a block, there is no clear edge."""
+"""Least difference, grey levels a block, of the means of neighbouring blocks for a clear edge to be there."""
 MOST_PX = 12.0
 """Blur beyond which the two slopes are too alike to tell more."""
 

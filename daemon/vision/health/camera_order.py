@@ -20,10 +20,10 @@ PATCH_PX, BAND_PX = 10, 16
 MOST_POINTS, LEAST_POINTS = 60, 5
 LEAST_ALIKE = 0.8
 LEAST_LEAD = 0.03
-"""How much more alike the best place must be than any other a patch away: one row of dots is as good as the next."""
+"""Least lead in similarity of the best place over any other a patch away: one row of dots is as good as the next."""
 NEAR_MM, FAR_MM = 80.0, 3000.0
 CLEAR_PX = 1.0
-"""How much nearer to the lines one way round must be before it is believed."""
+"""Least difference, px, of the distances from the lines one way round and the other for a decision."""
 ALIKE_PX = 1.2
 """Points this much alike in their distance from the lines are together: a patch is placed to a pixel."""
 LEAST_TOGETHER, MOST_TOGETHER = 0.4, 0.7

@@ -19,8 +19,8 @@ AXES = ("pitched", "rolled", "turned in")
 FEWEST_VOTES = 6
 VOTE_SIGMA_PX = 0.25
 CLEAR_LEAD = 1.5
-"""How many corners of either camera must agree on an offset, how closely, and how far ahead of the next offset they
-must be."""
+"""Least number of corners of either camera that agree on an offset, sigma, px, of their agreement, and least ratio of
+their votes to those of the next offset."""
 SAME_PX = 1.5
 """Corners of one camera this near are one: several outlines go through it."""
 REACH_PX, NAMED_PX = 8.0, 4.0
@@ -33,7 +33,7 @@ LENGTH_SIGMA = 0.004
 
 ShapeOf = Callable[[str], Polyhedron | None]
 NAMES = ("pitch", "roll", "vergence")
-"""As AXES, in the fields <name>_deg and <name>_sigma_deg of a look's health."""
+"""Names of AXES in the fields <name>_deg and <name>_sigma_deg of a look's health."""
 
 SURE = 0.9
 """Confidence below which a part's edges are not taken for known lengths."""

@@ -21,11 +21,11 @@ BRIGHT_PERCENT = 99.0
 LEAST_LEVEL, GOOD_LEVEL = 70.0, 180.0
 """Grey levels of what is brightest about the parts: below the first, edges between their faces drown in noise."""
 LEAST_EMPTY, GOOD_EMPTY = 25.0, 90.0
-"""The same of a picture without a part: a dark table is as it should be."""
+"""Least and good brightness of a picture without a part: a dark table is as it should be."""
 MOST_BURNT = 0.05
 """Share of the parts and their surroundings that may be burnt out: glints."""
 UNEQUAL = 1.15
-"""How much brighter one camera may be than the other."""
+"""Largest ratio of the brightness of the two cameras."""
 LARGEST_STEP = 8.0
 
 

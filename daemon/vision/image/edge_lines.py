@@ -47,14 +47,14 @@ _FAINT_BLOCK = 0.4
 _WHOLE = 0.75
 """Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
 _TILTS = np.linspace(-1, 1, 7)
-"""At which a line is tried, shares of the steepest."""
+"""Slopes at which a line is tried, as shares of the steepest."""
 _BESIDE_PX = 8.5
-"""How far to either hand shading and grain are compared."""
+"""Distance, px, to either hand at which shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
 _ROWS_PX = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
-"""Where along an edge its level at one place is taken."""
+"""Places, px along an edge, at which its level at one place is taken."""
 SMOOTHING_ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
-"""How far apart rows of a smoothed image are whose noise is as good as independent."""
+"""Distance, px, between rows of a smoothed image whose noise is as good as independent."""
 SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
 """Standard deviation of the difference of two points a pixel apart in white unit noise after a Gaussian."""
 
@@ -204,7 +204,7 @@ def slopes_across(levels: Image32) -> Image32:
 
 
 LEAST_SIGMAS = 4.0
-"""What a slope must be to be an edge, in sigmas of the noise."""
+"""Least slope of an edge, in sigmas of the noise."""
 
 
 def peaks(slopes: Array, least: Array | float) -> Flags:

@@ -20,31 +20,30 @@ from daemon.vision.image.grey import FINE, Fine
 from daemon.vision.image.regions import SMOOTHING_PX, Window, gradient_noise
 
 STEP_PX, ROWS = 1.25, 2
-"""How far apart places on a curve are at which slopes across it are taken; and those to either hand of which each is
-the mean: as many px as an edge is smoothed across."""
+"""Distance, px, between places on a curve at which slopes across it are taken; and the rows to either hand of which
+each is the mean: as many px as an edge is smoothed across."""
 EDGE_SIGMAS = 5.0, 10.0
 """An edge's pixels are so strong at least, and one of them so strong."""
 FEWEST_PX = 14
 """Pixels of an edge to which an ellipse is fitted."""
 LINE_PX, MOST_TURN, UNEVEN = 1.2, np.radians(65.0), 4.5
-"""How far off the edge its chords may lie; and by how much at most one turns from the one before, which is no more than
-so many times longer or shorter."""
+"""Largest distance, px, of chords from the edge; largest turn from one to the next; largest ratio of their lengths."""
 ROUGH_PX, FINE_PX, ON_PX = 1.0, 0.45, 0.8
 """Rms by which pixels, and edges between pixels, may lie off their ellipse; and off which an edge is not on it."""
 ROUGH_SWEEP, LEAST_SWEEP, LEAST_SHARE = np.radians(60.0), np.radians(80.0), 0.2
-"""How far round a run's pixels must lie, and then an edge between pixels show, and on how much of its ellipse: where
-another edge touches an arc, a run ends that goes on behind it."""
+"""Least sweep, rad, of a run's pixels, and then of an edge between pixels, and least share of its ellipse on which it
+shows: where another edge touches an arc, a run ends that goes on behind it."""
 SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
 """Axes that are fitted, and how far inside the image an edge must lie."""
 REACH_PX, NEAR_PX, ROUNDS = 3, 1.2, 3
 PART, PART_STEP = np.radians(70.0), np.radians(40.0)
-"""By how much a part of a run turns, and the next begins later: in half a circle lies a whole one."""
+"""Turn, rad, of a part of a run, and by how much later the next begins: in half a circle lies a whole one."""
 SAME_RUN_PX = 0.5
 """Two runs along the two sides of one edge give ellipses that differ by less."""
 CLOSED, MIDDLE, GROWS = np.radians(20.0), 0.5, 0.05
 """A wider gap ends an arc; share of its places in its middle, and by what share it then grows at a time."""
 TOGETHER, TANGENT_PX = 9, 0.15
-"""So many places in a row that lie so far off on the mean are on an arc no more."""
+"""Number of places in a row, and their mean distance, px, from which on they are on an arc no more."""
 MOST_EDGES, MOST = 400, 80
 """Edges that are followed, and ellipses that are fitted between pixels: a patterned table has a thousand and hundreds,
 most of them smaller than rims."""

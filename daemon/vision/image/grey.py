@@ -24,7 +24,7 @@ _SIZES = 256
 _FEWEST = 40
 _EVERY = 4
 _USED = np.array([[k & 1, k & 2, k & 4] for k in range(1, 8)], bool)
-"""Which of the three coefficients of the noise are not zero: every choice."""
+"""All choices of which of the three coefficients of the noise are not zero."""
 _BOTH_USED, _UNIT, _UP_TO_SQUARE = _USED[:, :, None] & _USED[:, None], np.eye(3), np.arange(3)
 _POWERS = (np.arange(256) / 100.0)[:, None] ** _UP_TO_SQUARE
 _LEVELS_OF_NINE = (np.arange(9 * 255 + 1) + 4) // 9

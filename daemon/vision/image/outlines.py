@@ -38,9 +38,9 @@ from daemon.vision.values import Polygon
 
 # All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
-"""How far from a rough side, and from a side once moved, the gradient is looked for."""
+"""Distance, px, from a rough side, and from a side once moved, to which the gradient is searched."""
 _INSIDE_PX, _UNSURE_PX = 1.2, 1.2
-"""How far inside its edges a region ends, and how sure that is: per px of the scale."""
+"""Distance by which a region ends inside its edges, and its standard deviation, px per px of the scale."""
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
 """A side shorter than this share of the median side, or than this, may be none."""
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6

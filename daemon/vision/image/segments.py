@@ -15,27 +15,28 @@ from daemon.arrays import Array, Flags, Index
 from daemon.vision.image.grey import Grey
 
 SHARE = 0.5
-"""Of the image's size, at which segments are looked for: half the pixels a side, a quarter of the time."""
+"""Scale of the image at which segments are searched: half the pixels a side, a quarter of the time."""
 SHORTEST_PX = 11.0
 SMOOTHING_PX, GAIN, STRONG_GREY = 0.8, 3.0, 10.0
-"""How much contrast is raised where there is little; half of that, and less, where grey levels differ from what lies
-about by so much and more: a raised shade beside a strong edge is a line that is not there. Of 343 plain, printed and
-metal parts rendered on photographed and on grainy tables 327 were named with 1, 334 with 2, 337 with 3, 336 with 4."""
+"""Smoothing, px, and gain by which contrast is raised where there is little; half of it and less where grey levels
+differ from their surroundings by STRONG_GREY and more: a raised shade beside a strong edge is a line that is not there.
+Of 343 plain, printed and metal parts rendered on photographed and on grainy tables 327 were named with 1, 334 with 2,
+337 with 3, 336 with 4."""
 ABOUT_PX, COARSE = 36, 4
-"""How far from a pixel lies, either way, what its grey level is raised against, the nearer the more; for which so many
-times coarser pixels do."""
+"""Radius, px, of the surroundings that a grey level is raised against, the nearer the more; and how many times coarser
+pixels do for that."""
 MOST_SEGMENTS, DIRECTIONS = 800, 16
 """The longest of each direction, so many in all: the grain of wood has thousands of one, and leaves those of a part."""
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
-"""How far from its end a segment may meet another: px, and of its length."""
+"""Distance from its end at which a segment may meet another: px, and share of its length."""
 GAP_PX, OVERLAP_PX, OFF_LINE_PX, END_OFF_LINE_PX = 14.0, 4.0, 1.5, 3.75
 SAME_WAY = np.cos(np.radians(4.0))
 """How a segment may go on that was broken: px to the next piece, px both may overlap, px that begins and ends off the
 line of the first, and the angle between them."""
 LEAST_ANGLE = np.sin(np.radians(15.0))
 MOST_CORNERS, CELL_PX = 1500, 64.0
-"""Of those in each cell of the image as many with the longest arms: a ruled table has thousands, and leaves a part its
-own."""
+"""Largest number of corners, taken evenly from cells of CELL_PX, those with the longest arms: a ruled table has
+thousands, and leaves a part its own."""
 AT_ONCE = 64  # segments held against all others: what a processor's cache holds
 
 

@@ -46,9 +46,9 @@ from daemon.vision.settings import VisionSettings
 
 GRAIN_PX = 5
 LEAST_ASIDE_DEG = 15.0
-"""Of every sight against the line from camera to camera: along that line no depth can be measured, and near to it what
-both cameras see of one thing is of as many sizes as there are depths. Cameras that look straight ahead have this in
-pictures 150 degrees wide."""
+"""Least angle, degrees, of every sight against the line from camera to camera: along that line no depth can be
+measured, and near to it what both cameras see of one thing is of as many sizes as there are depths. Cameras that look
+straight ahead have this in pictures 150 degrees wide."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ LEVEL_SIGMAS = 6.0  # an angle off by more fails level two, whatever the rest sa
 FALSE_ALARM = 1e-4  # how rarely a true square may fail to be called one
 SIGMA_SCALE = 1.5  # how far predicted corner errors may be too small before typing suffers
 POLYGONS = ("triangle", "quadrilateral", "pentagon", "hexagon", "heptagon", "octagon", "nonagon", "decagon")
-"""What people call a facet of three sides and more that the library does not have."""
+"""Names of facets of three sides and more that the library does not have."""
 
 
 @dataclass(frozen=True)

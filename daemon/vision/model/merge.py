@@ -27,7 +27,7 @@ from daemon.vision.settings import TOLERANCE_MM
 ALWAYS_MM, NEVER_MM, SIGMAS = 3.0, 8.0, 4.0
 """Corners this near are one, farther apart never; in between, those within so many predicted errors."""
 ALIKE_MM, ALIKE_SHARE = 2.0, 0.02
-"""How much two shapes' distances between corners may differ, in mm and as a share of the largest."""
+"""Largest difference of the distances between corners of one shape, in mm and as a share of the largest."""
 FLAT_MM = 0.05  # how far a corner of a real facet lies off its plane
 STEPS = 4
 

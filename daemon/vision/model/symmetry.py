@@ -18,16 +18,17 @@ from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Hole, OutlineArc, Polyhedron, apart2, axes_in, basis, circle_along, exact
 
 EXACT_MM = 0.01
-"""How far corners may differ that a drawing made the same."""
+"""Largest distance, mm, between corners that a drawing made the same."""
 SAME_RIM_MM = 0.15
-"""How far rims of holes may differ that are the same: the corners of a round one need not lie on each other."""
+"""Largest distance, mm, between rims of holes that are the same: the corners of a round one need not lie on each
+other."""
 ROUND_FLOOR = 0.1
-"""By what share of its radius a round floor, kept as an octagon around it, may stand out of its bore."""
+"""Share of its radius by which a round floor, kept as an octagon around it, may stand out of its bore."""
 MOST_AT_ONCE = 2_000_000
 """Distances between corners that are held at once."""
 KEPT_MM, MOST_MIRRORED = 2.0, 12
-"""How far from a corner of its own a solid's mirror image may have one that is taken for it; and how many ways to lay
-it there are kept."""
+"""Largest distance, mm, of a corner of a solid's mirror image from one that is taken for it; largest number of ways to
+lay it that are kept."""
 
 
 class Turns(NamedTuple):

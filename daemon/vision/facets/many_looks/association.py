@@ -19,7 +19,7 @@ GAP_MM = 4.0
 """Pieces of one facet lie this near to its plane, or within so many predicted errors, and to each other."""
 OF_SHORTEST = 1 / 3  # the same as a share of the shorter of the sides that end there
 TILT_DEG, MOST_TILT_DEG = 12.0, 30.0
-"""How far the normals of pieces of one facet may differ, beside what their doubt says; and farther never."""
+"""Largest angle, degrees, between the normals of pieces of one facet, on top of their own uncertainty; and with it."""
 FACING = 0.2
 """Cosine to its normal from where a facet would have been seen."""
 DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners

@@ -25,9 +25,9 @@ OFF_PLANE_MM = 3.0
 WITHIN = 0.95
 """Share of a hole that the facet that it is in covers."""
 WHOLE = np.radians(330.0)
-"""Of a circle that shows so much of either ellipse all is taken to be there."""
+"""Share of either ellipse that must show for a whole circle to be assumed."""
 SHORTEST_PX, LEAST_SUPPORT = 6.0, 0.4
-"""Of a side or a chord; and of each side's rows the share that lies on it."""
+"""Shortest side or chord, px; and least share of a side's rows that must lie on it."""
 PER_ELEMENT = 0.05  # of worth, that each element must bring
 POINTS = 24  # on an arc
 

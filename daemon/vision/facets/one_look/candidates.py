@@ -168,7 +168,8 @@ def _triangulated_covariance(geometry: Baseline, left: Array, right: Array, left
 
 
 _ROUGH_PX = 2.0
-"""How much farther than an outline's the ends of a rough polygon may be from their epipolar lines; set by eye."""
+"""Extra distance, px, from their epipolar lines that the ends of a rough polygon may have against an outline's; set by
+eye."""
 
 
 @dataclass(frozen=True, eq=False)

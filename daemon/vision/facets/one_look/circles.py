@@ -13,21 +13,21 @@ from daemon.vision.geometry import Baseline, RectifiedCamera, basis
 from daemon.vision.image import Ellipse, StereoImages, pairs_within
 
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0
-"""Where parts may be."""
+"""Range of distances, mm, at which parts may be."""
 ROW_PX = 3.0
-"""By how much the upper and the lower ends of one circle's ellipses may differ in height."""
+"""Largest difference, px, in height of the upper and of the lower ends of one circle's ellipses."""
 LEVELS = np.array([-0.8, -0.5, -0.2, 0.2, 0.5, 0.8])
 """Heights, in half heights of an ellipse, at which rays meet first."""
 MOST_OFF_PX = 0.7
 """Rms of places off the images of their circle: more, and the two ellipses are no circle's."""
 STEPS, SURE = 8, 1e-9
-"""Of the fit, and what keeps its covariance finite."""
+"""Number of steps of the fit, and the term that keeps its covariance finite."""
 TURNS, PLACES = 32, 48
 """Points of an ellipse by which two are compared, and places of it to which a circle is fitted."""
 ROUGHLY = 0.15
 """Share by which sizes of ellipses may differ from what they are of one circle straight ahead."""
 OF_RADIUS, RADIUS_MM = 0.06, 0.4
-"""By how much the radius of a seen circle may differ from a taught one."""
+"""Largest difference of the radius of a seen circle from a taught one, as a share and in mm."""
 ONE_MM = 1.0
 """Circles whose centres and radii differ by less are one."""
 

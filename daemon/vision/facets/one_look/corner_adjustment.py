@@ -19,7 +19,8 @@ from daemon.vision.values import Group
 PLANE_MM = 0.02  # how flat a real facet is
 _MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
 _ROUNDS, _LINEARISED = 6, 2
-"""How often sides are weighed anew, and in how many rounds, the first, slopes and planes are taken anew as well."""
+"""Number of rounds in which sides are weighed anew, and of the first rounds in which slopes and planes are taken anew
+as well."""
 
 
 def adjust_corners(members: list[Candidate], group: Group, geometry: Baseline) -> Group:

@@ -20,15 +20,16 @@ from daemon.vision.geometry import Baseline, RectifiedCamera, axes_in, fit_circl
 from daemon.vision.image import RoughPolygon, StereoImages, levels_across, peak_places, peaks, slopes_across
 
 ROW_PX, STRETCH = 5.0, 2.0
-"""How far apart the first, and the last, rows of one region may be in both images; and how much wider it is in one."""
+"""Largest distance, px, between the first, and between the last, rows of one region in both images; and largest ratio
+of its widths."""
 SAMPLE_PX, STRAIGHT_PX, SHORTEST_PX = 1.5, 0.5, 16.0
-"""How far apart places on a border are; the rms by which those of a side lie off its line; and its least length."""
+"""Distance, px, between places on a border; largest rms distance of those of a side from its line; shortest side."""
 ON_ARC_PX, ON_ARC = 34.0, np.radians(125.0)
-"""What is shorter, and turns less from the side before it to the one behind, may be a chord of an arc."""
+"""Largest length, px, and turn from the side before it to the one behind, of what may be a chord of an arc."""
 GAP_PX = 7.0
-"""How far from where their lines meet two sides end between which there is an arc."""
+"""Distance, px, from where their lines meet, of the ends of two sides between which there is an arc."""
 MOST_SIDES, LEAST_TURN, LEAST_RADIUS_MM = 10, np.radians(12.0), 2.5
-"""Of a ring; by how much it turns at a corner; and the radius of one of its arcs, at least."""
+"""Largest number of sides of a ring; least turn at a corner; least radius, mm, of an arc."""
 SAME_MM, SHORTER = 2.0, 0.97
 """Regions whose middles are so near are one; and how much shorter a stretch is tried next for a side."""
 HALF_ROUND, ROUND = np.radians(140.0), np.radians(50.0)
@@ -37,16 +38,16 @@ turns at least, by so much."""
 ON_SIDE, ON_ARCS = 14, 24
 """Places that are measured on a side and on an arc."""
 REACHES_PX, EDGE_SIGMAS, NEAR_PX, EDGE_PX = (8, 6, 5, 4, 3, 3), 5.0, 3.0, 0.3
-"""How far off an element its edge is looked for, round after round; its least slope; by how much the nearer of two is
-preferred; and how far off an edge is, usually."""
+"""Distances, px, to which the edge of an element is searched for, round after round; least slope of it, sigmas;
+preference of the nearer of two, px; usual distance of an edge, px."""
 ON_PX, LEAST_SHOWN, LEAST_ELEMENT = 0.8, 0.9, 0.5
 """An edge on its element is no farther off; the share of places, and of those of each element, in either image, that
 have one."""
 LEAST_AT_FIRST, PER_SIDE = 0.5, 0.03
 """Share of places that have an edge near enough in each round; and of them what a further side must bring."""
 TILT, MOVE_MM, STEP = 1e-3, 0.02, 1e-3
-"""By how much planes and sides are tilted, and what has a place moved, to see how edges move; and STEP, mm, along them
-to see which way they run."""
+"""Steps by which planes and sides are tilted, rad, and moved, mm, to see how edges move; and STEP, mm, along them to
+see which way they run."""
 HELD, MOST_ILL = 1e-9, 1e12
 """Information that holds each number where the edges say nothing of it; and the condition number of what they say, at
 most."""

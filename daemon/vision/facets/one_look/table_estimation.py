@@ -21,7 +21,7 @@ from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.settings import VisionSettings
 
 COLUMNS = 213
-"""How many the coarse pictures have, about."""
+"""Number of columns of the coarse pictures, about."""
 OVERLAP = 0.62
 """The largest disparity, as a share of the picture's width: nearer things are in one camera only."""
 SLANTS = (0.1, 0.35)
@@ -29,18 +29,20 @@ SLANTS = (0.1, 0.35)
 not find: cameras that are held upright see a table so, the more the flatter they look. Where it is known how they see
 it, the nearest of these, either way, is all that is tried."""
 BLOCK_PX, TEXTURE, UNIQUE = 11, 110, 12
-"""Of the matching by blocks: their side; the least slope in one; by how many per cent the second best is worse."""
+"""Parameters of the block matching: side of a block, px; least slope in one; per cent by which the second best is
+worse."""
 SAMPLED, TRIES = 1500, 120
 """Matches a plane is sought in, and how many planes through three of them."""
 ON_PLANE_PX, REFINED = 0.35, 3
-"""How near its disparity is to the plane's where a match lies in it; how often the plane is fitted again."""
+"""Largest distance, px, of a match's disparity from the plane's for it to lie in it; number of times the plane is
+fitted again."""
 COMPARED, COMPARISONS = 3000, 4
 """Places in the plane in which both pictures are compared, and how often."""
 EVERY = 8
-"""Where every so manieth pixel of the coarse pictures is taken from is reckoned through the lenses; those between lie
-evenly between, to a tenth of a pixel."""
+"""Spacing, px, of the pixels of the coarse pictures whose place is computed through the lenses; those between are
+interpolated, to a tenth of a pixel."""
 STEPS, ROUNDED_UP = 16, 7.5 / 256
-"""Of a disparity's unit in OpenCV's answer; which is rounded up to them, by so much on average."""
+"""Steps of a px in OpenCV's disparities; and by how much these are rounded up on average."""
 WORTH_ANOTHER = 0.3
 """Share of a picture that is matched, in a plane or not, without which another slant shows no more."""
 FEWEST, LEAST_AREA_PX2 = 400, 1000.0
