@@ -4,6 +4,7 @@ ends, the time that the gripper needs for what it does, the place where the arm 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm.motion import MovedByOthersError
+from daemon.pick.pose_fusion import disagreement
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.pick.transitions import PickEvent, PickState
-from daemon.pick.world import PickContext, travel
-from tests.fakes.fake_cell import cycle_of, one_part
+from daemon.pick.world import PickContext, SuspectError, WorldModel, travel
+from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.fakes.pick_steps import begun, brought_to, step
 
 CUP = Settings(gripper=SuctionCup(dwell_s=0.4, blow_off_s=0.2), hand_s=0.3)
@@ -99,3 +102,69 @@ def test_a_small_move_starts_where_a_pendant_left_the_arm() -> None:
     fake.at = moved = frames.perturb(fake.at, np.array([40.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     target = asyncio.run(cycle.jog(lambda at: frames.perturb(at, by), "jog z 10"))
     np.testing.assert_allclose(target, frames.perturb(moved, by), atol=1e-6)
+
+
+def looked_twice(fake: World, others: list[str], meanwhile: Callable[[], None]) -> tuple[PickContext, WorldModel]:
+    """Two looks at the cube, beside others; between the two something happens."""
+    for label, y_mm in zip(others, (-70.0, 70.0), strict=False):
+        fake.put(label, 560, y_mm, 0.4)
+    context, world = begun(fake)
+    brought_to(PickState.ESTIMATING, context, world)
+    step(context, world, PickState.ESTIMATING)
+    step(context, world, PickState.STOP_N)
+    meanwhile()
+    assert step(context, world, PickState.LOOKING) is PickEvent.LOOKED
+    return context, world
+
+
+def test_where_all_that_two_looks_show_seems_moved_the_cell_is_to_blame_and_no_part() -> None:
+    fake = one_part()
+
+    def all_moved() -> None:
+        for label, pose in fake.lying.items():
+            fake.lying[label] = frames.perturb(pose, np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+
+    context, world = looked_twice(fake, ["pyramid"], all_moved)
+    with pytest.raises(SuspectError, match="likely cause: hand-eye"):
+        step(context, world, PickState.ESTIMATING)
+
+
+def test_an_arm_that_somebody_moved_is_asked_where_it_is_before_hand_eye_is_blamed() -> None:
+    """All parts seem moved then, too, and nobody calibrates for it."""
+    fake = one_part()
+
+    def nudged() -> None:
+        fake.at = frames.perturb(fake.at, np.array([8.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+
+    context, world = looked_twice(fake, ["pyramid"], nudged)
+    with pytest.raises(MovedByOthersError):
+        step(context, world, PickState.ESTIMATING)
+    assert not [r for r in fake.said("decision") if r["text"].startswith("suspect")]
+
+
+def test_each_look_is_held_against_the_one_before_it_which_was_the_nearest_so_far() -> None:
+    """The first one, from far away, errs by so much that a small push would not show."""
+    fake = one_part()
+    context, world = looked_twice(fake, [], lambda: None)
+    for _ in range(2):
+        assert step(context, world, PickState.ESTIMATING) in (PickEvent.SURE, PickEvent.UNSURE)
+        step(context, world, PickState.STOP_N)
+        assert step(context, world, PickState.LOOKING) is PickEvent.LOOKED
+    first, *_, before, newest = world.the_target().sightings
+    step(context, world, PickState.ESTIMATING)
+    chi2, doubt = fake.said("estimate")[-1]["chi2"], context.settings.doubt
+    assert chi2 == pytest.approx(disagreement(before, newest, doubt))
+    assert chi2 != pytest.approx(disagreement(first, newest, doubt))
+
+
+def test_a_part_is_lifted_straight_off_before_it_is_drawn_back() -> None:
+    """Drawn back first it would scrape over the table, and push over what stands beside it."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.RETREAT, context, world)
+    grasped, sent = fake.at.copy(), len(fake.said("move"))
+    step(context, world, PickState.RETREAT)
+    lift, *_ = fake.said("move")[sent:]
+    by_mm = lift["target"][:3, 3] - grasped[:3, 3]
+    np.testing.assert_allclose(by_mm, [0.0, 0.0, context.settings.lift_mm], atol=0.5)
+    assert lift["how"] == "straight"
