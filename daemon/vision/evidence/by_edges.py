@@ -234,7 +234,8 @@ def _best_orientation(one: RegisteredPart, registered: Sequence[RegisteredPart],
     only that way it rests: with its plain side up a part leaves all the edges of its other side unexplained, and where
     both have one outline, the wrong one sinks into the table or hovers. Another way is registered already, or has
     another facet where this one has the one that shows most. That the part is there is proven: another way pays for the
-    test of it only. Each is compared with the others where its edges have it."""
+    test of it only. They are compared as they were registered: measured first, they win in the same 330 of 331 looks,
+    which then take a tenth longer."""
     same = [other for other in registered if other.label == one.label and other is not one and other.overlaps(one)]
     facet = int((one.solid.facing(one.pose) * np.linalg.norm(one.solid.areas_mm2, axis=1)).argmax())
     over = [EdgeHypothesis(one.label, one.pose @ frames.inverse(turn)) for turn in facet_turns(one.solid, facet)]
@@ -243,16 +244,8 @@ def _best_orientation(one: RegisteredPart, registered: Sequence[RegisteredPart],
     likely = [way for way in ways if probability_of(log_odds_of(way, search, len(ways))) >= LEAST_CONFIDENCE]
     if not likely:
         return one
-    here, *measured = (_registered_where_measured(each, search) for each in (one, *likely))
-    best = max(measured, key=lambda other: _by_own_edges(other, here))
-    return best if _by_own_edges(best, here) > 0 else one
-
-
-def _registered_where_measured(one: RegisteredPart, search: Search) -> RegisteredPart:
-    """A part registered anew where its measured edges have it."""
-    pose = one.measured.fit.cyclopean_from_part
-    (there,) = register_at(search, [EdgeHypothesis(one.label, pose, one.tested)])
-    return there
+    best = max(likely, key=lambda other: _by_own_edges(other, one))
+    return best if _by_own_edges(best, one) > 0 else one
 
 
 def _oriented_otherwise(one: RegisteredPart, other: RegisteredPart) -> bool:
