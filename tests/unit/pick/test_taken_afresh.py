@@ -168,3 +168,16 @@ def test_a_part_is_lifted_straight_off_before_it_is_drawn_back() -> None:
     by_mm = lift["target"][:3, 3] - grasped[:3, 3]
     np.testing.assert_allclose(by_mm, [0.0, 0.0, context.settings.lift_mm], atol=0.5)
     assert lift["how"] == "straight"
+
+
+def test_from_the_moment_the_gripper_has_closed_the_part_in_it_is_guarded_as_it_was_grasped() -> None:
+    """A gripper that closes makes void what was believed of it: what it holds is learnt behind that."""
+    context, world = begun(one_part())
+    brought_to(PickState.CLOSING, context, world)
+    target = world.the_target()
+    step(context, world, PickState.CLOSING)
+    belief = context.mover.belief
+    assert {capsule.name for capsule in belief.capsules} == {"cube in the gripper"}
+    assert belief.held is not None
+    np.testing.assert_allclose(belief.held.value.tool_from_part, target.tool_from_part)
+    assert context.mover.bounds.capsules == (*context.mover.limits.capsules, *belief.capsules)
