@@ -494,7 +494,7 @@ def make_room(config: Config) -> None:
 async def _bring_to_rest(supervisor: Supervisor) -> None:
     """Stop the arm and wait until it rests, also after the alarm, as later tries may succeed."""
     await supervisor.close()
-    await supervisor.rested()
+    await supervisor.wait_for_stop_end()
 
 
 def _report_unhandled(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

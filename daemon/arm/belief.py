@@ -62,7 +62,7 @@ class CellBelief:
     """Where the arm is at rest."""
     planned: Belief[Reading] | None = None
     """In a dry run, where the arm would be had its moves been sent."""
-    turned: Belief[Reading] | None = None
+    last_joint_move_end: Belief[Reading] | None = None
     """Where the last joint-interpolated move ended. The controller keeps that configuration of shoulder, elbow and
     wrist for the next such move, even if a pendant has changed the arm's configuration since."""
     tool: Belief[Array] | None = None
@@ -71,20 +71,20 @@ class CellBelief:
     """Whether the gripper is closed."""
     holding: Belief[bool] | None = None
     """Whether the gripper holds a part."""
-    held: Belief[HeldPart] | None = None
+    grasped_part: Belief[HeldPart] | None = None
     """Which part facetd grasped, and how."""
-    load: Belief[tuple[Capsule, ...]] | None = None
+    held_shape: Belief[tuple[Capsule, ...]] | None = None
     """The shape of that part for the guard, capsules in the tool's frame."""
 
     @property
-    def at(self) -> Reading | None:
+    def resting_reading(self) -> Reading | None:
         """Where the arm is at rest."""
         return None if self.position is None else self.position.value
 
     @property
-    def here(self) -> Reading | None:
+    def next_start(self) -> Reading | None:
         """Where the next move starts: where the arm is or, in a dry run, would be."""
-        return self.at if self.planned is None else self.planned.value
+        return self.resting_reading if self.planned is None else self.planned.value
 
     @property
     def is_open(self) -> bool:
@@ -112,16 +112,20 @@ class CellBelief:
     @property
     def capsules(self) -> tuple[Capsule, ...]:
         """The guarded shape of a part that is, or may be, in the gripper."""
-        return () if self.load is None else self.load.value
+        return () if self.held_shape is None else self.held_shape.value
 
     def json(self, now_s: float) -> dict[str, dict[str, object]]:
         """Each known fact for people: its value, its source, and its age in s."""
-        known = {field.name: getattr(self, field.name) for field in fields(self)}
+        known = {KEYS.get(field.name, field.name): getattr(self, field.name) for field in fields(self)}
         return {
             name: {"value": _plain(belief.value), "how": str(belief.source), "age_s": round(now_s - belief.learnt_s, 1)}
             for name, belief in known.items()
             if belief is not None
         }
+
+
+KEYS = {"last_joint_move_end": "turned", "grasped_part": "held", "held_shape": "load"}
+"""Keys of `status` for programs, where they are not the field's name."""
 
 
 class VoidingEvent(StrEnum):
@@ -144,21 +148,21 @@ class VoidingEvent(StrEnum):
 
 PLACE = frozenset({"position", "planned"})
 CONTROLLER = PLACE | {"tool", "closed"}
-GRIPPER = frozenset({"closed", "holding", "held", "load"})
+GRIPPER = frozenset({"closed", "holding", "grasped_part", "held_shape"})
 VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.MOVE_BEGUN: PLACE,
     VoidingEvent.GRIPPER_CLOSES: GRIPPER,
     VoidingEvent.GRIPPER_OPENS: frozenset({"closed"}),
     VoidingEvent.STOPPED: CONTROLLER,
     VoidingEvent.FAULT_CLEARED: CONTROLLER,
-    VoidingEvent.RECONNECTED: CONTROLLER | {"turned"},
-    VoidingEvent.RESTARTED: CONTROLLER | GRIPPER | {"turned"},
+    VoidingEvent.RECONNECTED: CONTROLLER | {"last_joint_move_end"},
+    VoidingEvent.RESTARTED: CONTROLLER | GRIPPER | {"last_joint_move_end"},
     VoidingEvent.OPERATOR_TYPED: CONTROLLER,
-    VoidingEvent.TURN_TYPED: frozenset({"turned"}),
+    VoidingEvent.TURN_TYPED: frozenset({"last_joint_move_end"}),
     VoidingEvent.GRIPPER_TYPED: GRIPPER,
-    VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "load"},
+    VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "held_shape"},
     VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
-    VoidingEvent.GRIPPER_CHANGED: CONTROLLER | GRIPPER | {"turned"},
+    VoidingEvent.GRIPPER_CHANGED: CONTROLLER | GRIPPER | {"last_joint_move_end"},
 }
 """The facts that each event makes unknown. After a stop, what the gripper holds is still believed, unless it was
 opening. A closing gripper, or one that a pendant may have operated, may hold another part than the guarded one."""
@@ -168,14 +172,14 @@ RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED, Voi
 
 def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
     """The beliefs that remain after an event. A gripper believed to be empty stays so; but if it is no longer known to
-    be open, that is only assumed: a pendant may have closed it on a part. An assumed load stays, because it covers any
+    be open, that is only assumed: a pendant may have closed it on a part. An assumed shape stays, because it covers any
     part that this gripper may hold; only another gripper voids it."""
     unknown = VOIDS[change]
-    assumed = belief.load is not None and belief.load.source is BeliefSource.ASSUMED
+    assumed = belief.held_shape is not None and belief.held_shape.source is BeliefSource.ASSUMED
     if assumed and change is not VoidingEvent.GRIPPER_CHANGED:
-        unknown -= {"load"}
+        unknown -= {"held_shape"}
     if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
-        unknown |= {"holding", "held"}
+        unknown |= {"holding", "grasped_part"}
     if "closed" in unknown and belief.holding is not None and not belief.holding.value:
         belief = replace(belief, holding=replace(belief.holding, source=BeliefSource.ASSUMED))
     return replace(belief, **dict.fromkeys(unknown))

@@ -77,7 +77,7 @@ class PauseAndStep:
         """Hold before the next move of arm or gripper. by: who pauses."""
         self.pauses += 1
         self.paused_by, self._paused_s = by, time.monotonic()
-        self._permission.hold()
+        self._permission.require_wait()
         self._running.clear()
 
     def end_pause(self, pauses: int | None = None) -> None:
@@ -89,7 +89,7 @@ class PauseAndStep:
         """Switch step mode on or off. A move that waits for confirmation goes on waiting: an operator may be reading
         the question."""
         if on and not self.stepping:
-            self._permission.hold()
+            self._permission.require_wait()
         self.stepping = on
 
     def confirm(self) -> None:

@@ -162,7 +162,7 @@ class Mover:
         self.limits = limits
         self.arrival = arrival
         self.gate = gate
-        self.work_gripper: Callable[[bool, float], Awaitable[None]] = self.by_hand_valves
+        self.work_gripper: Callable[[bool, float], Awaitable[None]] = self.operate_hand_valves
         """Opens or closes the gripper, and waits until that is done."""
         self.dry = False
         self.cycle = 0
@@ -201,32 +201,34 @@ class Mover:
         return replace(bounds, capsules=lowered)
 
     @property
-    def here(self) -> Reading | None:
+    def next_start(self) -> Reading | None:
         """Where the next move starts."""
-        return self.belief.here
+        return self.belief.next_start
 
     @property
     def low(self) -> bool:
         """Whether the gripper, or the part in it, is so low that it may be between parts on the table."""
-        assert self.here is not None
-        return hand_above_mm(self.here.world_from_tool, self.bounds) < OUT_MM
+        assert self.next_start is not None
+        return hand_above_mm(self.next_start.world_from_tool, self.bounds) < OUT_MM
 
     def arm_state(self) -> ArmState:
         """The arm's present state, for the guard."""
-        at = None if self.here is None else self.here.world_from_tool
+        at = None if self.next_start is None else self.next_start.world_from_tool
         return ArmState(self.permission.refusal(), at, self.cell.clock())
 
-    async def rest(self) -> Reading:
+    async def wait_until_at_rest(self) -> Reading:
         """Read from the controller where the arm is at rest, and store it. Raises where the arm keeps moving."""
         self.beliefs.void(VoidingEvent.MOVE_BEGUN)
-        reading = await self.cell.robot.rest()
+        reading = await self.cell.robot.wait_until_at_rest()
         self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         return reading
 
     def check(self, command: MoveCommand) -> None:
         """Check a command, on its whole path from here. Raises MoveRefusedError, and logs it, where it breaks a
         rule."""
-        refusal = path_refusal(command, self.arm_state(), self.here, self.cell.robot.kinematics, self._bounds(command))
+        refusal = path_refusal(
+            command, self.arm_state(), self.next_start, self.cell.robot.kinematics, self._bounds(command)
+        )
         refusal = refusal or self._configuration_refusal(command)
         if refusal is not None:
             raise self._refused(refusal)
@@ -235,7 +237,7 @@ class Mover:
         """Refuse a joint-interpolated move if somebody changed the arm's configuration with the pendant: the controller
         uses the shoulder, elbow and wrist configuration of the previous such move, and would change it back on a path
         that was not checked. A straight move keeps the present configuration."""
-        last, here = self.belief.turned, self.here
+        last, here = self.belief.last_joint_move_end, self.next_start
         if command.straight or last is None or here is None:
             return None
         ends = [
@@ -255,8 +257,8 @@ class Mover:
     @property
     def reach(self) -> Reach:
         """The poses that the arm can reach from where it is at rest now."""
-        assert self.here is not None
-        return Reach(self.cell.robot.kinematics, self.here, self.bounds, self.arrival)
+        assert self.next_start is not None
+        return Reach(self.cell.robot.kinematics, self.next_start, self.bounds, self.arrival)
 
     async def go(self, command: MoveCommand, then: MoveCommand | None = None) -> Reading:
         """Make one move and wait until the arm is at rest. A move that a pause holds while it is being sent is checked
@@ -277,14 +279,14 @@ class Mover:
         except UnansweredError as unanswered:
             raise self._refused(Refusal(UNCONFIRMED, str(unanswered))) from None
         self.check(command)
-        assert self.here is not None
+        assert self.next_start is not None
         self._log_move(command)
-        joints = self.cell.robot.kinematics.reachable(command.world_from_tool, self.here.joints_rad)
+        joints = self.cell.robot.kinematics.reachable(command.world_from_tool, self.next_start.joints_rad)
         if self.dry:
-            there = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
+            there = Reading(command.world_from_tool, self.next_start.joints_rad if joints is None else joints)
             self.beliefs.learn(BeliefSource.COMMANDED, planned=there)
             return there
-        start = self.here
+        start = self.next_start
         not_begun = self.beliefs.void(VoidingEvent.MOVE_BEGUN)
         longest_s = self.arrival.longest_s(start, command, joints)
         started_s = self.cell.clock()
@@ -304,7 +306,7 @@ class Mover:
         self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         self._arrived(command, reading, self.cell.clock() - started_s)
         if not command.straight:  # a straight move may end in a configuration that a pendant chose
-            self.beliefs.learn(BeliefSource.REPORTED, turned=reading)
+            self.beliefs.learn(BeliefSource.REPORTED, last_joint_move_end=reading)
         if joints is not None:
             _check_configuration(command, reading, joints)
         return reading
@@ -336,7 +338,7 @@ class Mover:
     def check_through(self, poses: Iterable[Array], contact: SupportContact | None = None) -> None:
         """Check that straight moves from here through these poses (4, 4), one after the other, are possible: for a
         caller that must also get out of where it goes in. Raises what `travel` would."""
-        here = self.here
+        here = self.next_start
         if here is None:
             return
         for pose in poses:
@@ -347,9 +349,9 @@ class Mover:
             here = Reading(pose, joints)
 
     def _path(self, command: MoveCommand) -> tuple[PathSegment, ...]:
-        if self.here is None:
+        if self.next_start is None:
             return (PathSegment(command.world_from_tool, command.straight),)
-        return self._path_from(self.here, command)
+        return self._path_from(self.next_start, command)
 
     def _path_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
         path = plan_path(command, self.arm_state(), start, self.cell.robot.kinematics, self._bounds(command))
@@ -357,7 +359,7 @@ class Mover:
             return path
         raise OutOfReachError(path.text) if path.rule == "out_of_reach" else self._refused(path)
 
-    async def hand(self, closed: bool, hand_s: float = 0.0) -> None:
+    async def set_gripper(self, closed: bool, hand_s: float = 0.0) -> None:
         """Open or close the gripper. Like a move it can be held, and is refused while the arm is disabled or a fault is
         active. hand_s: the time that it needs; until then it is neither open nor closed.
 
@@ -388,39 +390,39 @@ class Mover:
         if closed:
             self.beliefs.learn(BeliefSource.COMMANDED, closed=True)
         else:
-            self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, held=None, load=None)
+            self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, grasped_part=None, held_shape=None)
             self._log_hand(closed)
         return True
 
-    async def by_hand_valves(self, closed: bool, hand_s: float) -> None:
-        """Operate the gripper through the controller's own valves, and wait. Raises what Robot.hand raises."""
-        await self.cell.robot.hand(closed)
+    async def operate_hand_valves(self, closed: bool, hand_s: float) -> None:
+        """Operate the gripper through the controller's own valves, and wait. Raises what Robot.set_gripper raises."""
+        await self.cell.robot.set_gripper(closed)
         await asyncio.sleep(hand_s)
 
     async def _wait_while_held(self, text: str, valid_s: float = inf) -> None:
         """Wait at the gate. Raises MovedByOthersError where the arm is at another place afterwards: somebody had time
         to move it with the pendant, and the path was planned from where it was."""
-        place = self.belief.at
+        place = self.belief.resting_reading
 
         async def check_not_moved() -> None:
             if not self.dry:
-                now = await self.rest()
+                now = await self.wait_until_at_rest()
                 self._check_not_moved(text, place or now, now)
 
         await self.gate(text, check_not_moved, valid_s)
 
     def _describe_distance(self, command: MoveCommand) -> str:
         """How far a move goes from here: for the operator who confirms it."""
-        if self.here is None:
+        if self.next_start is None:
             return ""
-        x, y, z = np.round(command.world_from_tool[:3, 3] - self.here.world_from_tool[:3, 3]) + 0.0
-        _, deg = _apart(self.here.world_from_tool, command.world_from_tool)
+        x, y, z = np.round(command.world_from_tool[:3, 3] - self.next_start.world_from_tool[:3, 3]) + 0.0
+        _, deg = _apart(self.next_start.world_from_tool, command.world_from_tool)
         return f", from here x {x:+g} y {y:+g} z {z:+g} mm and {deg:.0f} degrees"
 
     async def still_there(self, doing: str) -> None:
         """Check that the arm is where it came to rest, before its failure is blamed on anything else. Raises
         MovedByOthersError."""
-        place = self.belief.at
+        place = self.belief.resting_reading
         if place is not None and not self.dry:
             self._check_not_moved(doing, place, await self.cell.robot.where())
 

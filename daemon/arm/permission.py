@@ -21,7 +21,7 @@ class Grant(StrEnum):
     """What an operator permits the arm to do."""
 
     NOTHING = "nothing"
-    BY_HAND = "by hand"
+    TYPED_LINES = "typed lines"
     """Only motions that an operator types to the controller: the guard cannot check moves in this cell."""
     ALL = "all"
 
@@ -29,19 +29,19 @@ class Grant(StrEnum):
 class MotionPermission:
     """The motion permission (see the module).
 
-    stop_seen: how often facetd has verified that the controller accepts the stop command; 0: not yet since the line
+    stop_tests: how often facetd has verified that the controller accepts the stop command; 0: not yet since the line
     was opened or the controller was switched on. stop_answered: how often the controller sent something after a stop
     command; heard: how often it sent anything. stop_took_s: the duration of the tested stop; 0: not tested. fault:
     the active fault, until `resume`."""
 
     def __init__(self) -> None:
-        self.stop_seen = self.stop_answered = self.heard = 0
+        self.stop_tests = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
         self.fault: str | None = None
         self.why = ""
         """The reason of the current or last stop."""
         self._grant, self._granted_with = Grant.NOTHING, 0
-        self._stops = 0
+        self._stops_under_way = 0
         self._holds = self._released_at = 0
         """The number of holds (pause, step mode), and that number when the last move was released."""
 
@@ -56,20 +56,20 @@ class MotionPermission:
         return self._grant is Grant.ALL and self.stop_as_granted
 
     @property
-    def by_hand_only(self) -> bool:
+    def typed_lines_only(self) -> bool:
         """Whether only motions that an operator types to the controller are permitted."""
-        return self._grant is Grant.BY_HAND and self.stop_as_granted
+        return self._grant is Grant.TYPED_LINES and self.stop_as_granted
 
     @property
     def stop_as_granted(self) -> bool:
         """Whether the stop tested at `enable` is still valid. False after a lost line, a restarted controller or a
         refused stop, also if the stop was tested again since: the operator must enable anew."""
-        return self.stop_seen == self._granted_with > 0
+        return self.stop_tests == self._granted_with > 0
 
     @property
     def stopping(self) -> bool:
         """Whether a stop is under way: until the controller reports the arm at rest and the job has ended."""
-        return self._stops > 0
+        return self._stops_under_way > 0
 
     @property
     def blocked(self) -> bool:
@@ -83,15 +83,15 @@ class MotionPermission:
             return Refusal("fault_active", f"a fault is active ({self.fault}): `resume` first")
         if self.stopping:
             return Refusal("fault_active", f"the arm is being stopped ({self.why}): try again when it is at rest")
-        if self.enabled or (typed and self.by_hand_only):
+        if self.enabled or (typed and self.typed_lines_only):
             return None
-        if self.by_hand_only:
+        if self.typed_lines_only:
             only = "the arm is enabled for `robot` only: calibrate hand-eye first (calibration.yaml has no hand_eye)"
             return Refusal("not_enabled", only)
         return Refusal("not_enabled", "the arm is not enabled: `enable` first")
 
     @property
-    def held(self) -> bool:
+    def must_wait(self) -> bool:
         """Whether a hold began since the last move was released."""
         return self._holds != self._released_at
 
@@ -99,11 +99,11 @@ class MotionPermission:
     def withheld(self) -> bool:
         """Whether a released move must not be sent after all; the line checks this before its last byte leaves. On a
         bad line sending takes seconds: an operator who pauses in that time means this move."""
-        return self.held or self.refusal(typed=True) is not None
+        return self.must_wait or self.refusal(typed=True) is not None
 
     def grant(self, what: Grant) -> None:
         """Permit motion from now on, with the present verification of the stop."""
-        self._grant, self._granted_with = what, self.stop_seen
+        self._grant, self._granted_with = what, self.stop_tests
 
     def withdraw(self) -> None:
         """Permit no motion."""
@@ -111,13 +111,13 @@ class MotionPermission:
 
     def stop_begins(self) -> None:
         """Block motion until this stop has ended."""
-        self._stops += 1
+        self._stops_under_way += 1
 
     def stop_ends(self) -> None:
         """End one of the stops that began."""
-        self._stops -= 1
+        self._stops_under_way -= 1
 
-    def hold(self) -> None:
+    def require_wait(self) -> None:
         """Hold the next move."""
         self._holds += 1
 

@@ -159,7 +159,7 @@ class Robot(Protocol):
     async def where(self) -> Reading:
         """Read the arm's position from the controller, also while it moves."""
 
-    async def rest(self) -> Reading:
+    async def wait_until_at_rest(self) -> Reading:
         """Return the position of the arm at rest (two readings that agree). Waits briefly for it; raises where the arm
         keeps moving."""
 
@@ -181,14 +181,15 @@ class Robot(Protocol):
         move that will follow at once; its preparation may be sent before the last reading of this one.
         """
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         """Close the gripper, or open it (VAL II: CLOSEI, OPENI)."""
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         """Switch digital outputs: n on, -n off."""
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs that operate the gripper, n on and -n off; needs the permission, as `hand` does."""
+        """Switch digital outputs that operate the gripper, n on and -n off; needs the permission, as `set_gripper`
+        does."""
 
     async def ask_input(self, text: str) -> str:
         """Send a line that reads an input. Returns the controller's output as one line."""
@@ -196,12 +197,12 @@ class Robot(Protocol):
     async def at_rest(self) -> bool:
         """Whether the arm is at rest now: two readings agree."""
 
-    async def abort(self) -> None:
+    async def stop_motion(self) -> None:
         """Stop the arm now; may be called from another task at any time, also when nothing moves. Returns when the arm
         is at rest. Raises StopRefusedError at once where the controller refuses the command, others after some
         tries."""
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         """Verify that the controller accepts the stop command. Raises StopRefusedError."""
 
     @property

@@ -89,7 +89,7 @@ class Stopping:
         try:
             while True:
                 try:
-                    await self._robot().abort()
+                    await self._robot().stop_motion()
                     break
                 except StopRefusedError as refused:
                     self._sound(alarm, str(refused))

@@ -110,7 +110,7 @@ class Supervisor:
             "fault": self.permission.fault,
             "stopping": self.permission.stopping,
             "enabled": self.permission.enabled,
-            "by_hand_only": self.permission.by_hand_only,
+            "by_hand_only": self.permission.typed_lines_only,
             "paused": self.hold.paused,
             "step": self.hold.stepping,
             "dry": self.mover.dry,
@@ -119,11 +119,11 @@ class Supervisor:
 
     # The motion permission.
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         """Verify that the controller accepts the stop command, once each time the line was opened. Raises
         StopRefusedError."""
-        if not self.permission.stop_seen:
-            await self.run("try the stop", self.mover.cell.robot.prove_stop(), moves=False)
+        if not self.permission.stop_tests:
+            await self.run("try the stop", self.mover.cell.robot.test_stop(), moves=False)
 
     def enable(self, stops: int | None = None, grant: Grant = Grant.ALL) -> None:
         """Permit motion. stops: the number of stops when it was requested; a later stop or disable voids the request.
@@ -132,7 +132,7 @@ class Supervisor:
             raise RefusedError("facetd is shutting down")
         self.refuse_while_stopping("enable")
         self.refuse_if_stopped_since(stops, "enable")
-        if not self.permission.stop_seen:
+        if not self.permission.stop_tests:
             raise RefusedError("the stop was not tested since the line was opened: type `enable` again")
         self.permission.grant(grant)
 
@@ -212,23 +212,23 @@ class Supervisor:
                 raise RefusedError(f"{doing}: {self.permission.why}") from None
             raise
 
-    async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]], ask: bool = False) -> T:
+    async def run_typed_line(self, doing: str, work: Callable[[], Awaitable[T]], ask: bool = False) -> T:
         """Run as a job what an operator types to the controller, where it may move arm or gripper.
 
         The guard cannot check where it moves; permission, fault, pause, step mode and every stop work as for any move.
         ask: it waits for confirmation as in step mode.
         """
 
-        async def held() -> T:
+        async def when_free() -> T:
             await self.hold.wait(doing, ask=ask)
             self.refuse_unless_permitted(typed=True)
             try:
                 return await work()
             except HeldBackError:
-                return await held()
+                return await when_free()
 
         self.refuse_unless_permitted(typed=True)
-        return await self.converse(doing, held, moves=True)
+        return await self.converse(doing, when_free, moves=True)
 
     async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
         """Run as a job what an operator types to the controller; afterwards the beliefs about the arm are void."""
@@ -262,7 +262,7 @@ class Supervisor:
         if may_move:
             await self._halt(JobEvent.ABORT, "the daemon ends", fault=None)
 
-    async def rested(self) -> None:
+    async def wait_for_stop_end(self) -> None:
         """Wait until a stop that is under way has ended, without a time limit."""
         await self._stopping.over()
 

@@ -121,7 +121,7 @@ async def _tour(
     if count == 0:
         return [first]
     if session.board_in_gripper:
-        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=board_capsules(session, first))
+        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, held_shape=board_capsules(session, first))
     poses = await asyncio.to_thread(plan_tour, session, mover.reach, first, count, mounting_alone)
     await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
@@ -131,9 +131,9 @@ async def _tour(
         except (OutOfReachError, MoveRefusedError) as error:
             await say(f"pose {number} of {len(poses)}: left out: {error}")
             continue
-        assert mover.here is not None
+        assert mover.next_start is not None
         try:
-            views.append(await see_board(session, mover.here, f"pose {number}"))
+            views.append(await see_board(session, mover.next_start, f"pose {number}"))
             await say(f"pose {number} of {len(poses)}: seen")
         except BoardError as error:
             await say(f"pose {number} of {len(poses)}: not used: {error}")

@@ -101,7 +101,7 @@ class LinuxcncArm:
         self._settings, self._clock = settings, clock
         self._shell = RemoteShell(settings.host, settings.port, on_line)
         self._signs, self._zeros_deg = np.array(settings.joint_signs), np.array(settings.joint_zeros_deg)
-        self._stops = self._times_seen = 0
+        self._stops = self._times_tested = 0
         self.kinematics = PumaArm(geometry)
         self.permission, self.beliefs = MotionPermission(), beliefs
         self.stopped_on_opening = False
@@ -133,7 +133,7 @@ class LinuxcncArm:
         await self.where()
 
     def _unsee_the_stop(self) -> None:
-        self.permission.stop_seen, self.permission.stop_took_s = 0, 0.0
+        self.permission.stop_tests, self.permission.stop_took_s = 0, 0.0
 
     @contextmanager
     def _as_cell_errors(self) -> Iterator[None]:
@@ -179,7 +179,7 @@ class LinuxcncArm:
         with self._as_cell_errors():
             return self._reading(await self._joints_deg())
 
-    async def rest(self) -> Reading:
+    async def wait_until_at_rest(self) -> Reading:
         with self._as_cell_errors():
             return await self._at_rest_within(REST_S)
 
@@ -278,7 +278,7 @@ class LinuxcncArm:
             messages.append(" ".join(words))
         return "; ".join(messages)
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         await self.work_valves(self._settings.close_outputs if closed else self._settings.open_outputs)
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
@@ -301,19 +301,19 @@ class LinuxcncArm:
 
     # The stop.
 
-    async def abort(self) -> None:
+    async def stop_motion(self) -> None:
         self.beliefs.void(VoidingEvent.STOPPED)
         with self._as_cell_errors():
             await self._halt()
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         began_s = self._clock()
-        await self.abort()
+        await self.stop_motion()
         self.permission.stop_took_s = self._clock() - began_s
         with self._as_cell_errors():
             await self._take_over()
-        self._times_seen += 1
-        self.permission.stop_seen = self._times_seen
+        self._times_tested += 1
+        self.permission.stop_tests = self._times_tested
 
     async def _halt(self) -> None:
         """Send the stop right after the line that is being sent, within a tenth of a second, then wait for rest. Raises

@@ -47,7 +47,7 @@ class NoArm:
     async def _nothing(self) -> None:
         """There is nothing to open, close or check."""
 
-    open = close = check = abort = _nothing
+    open = close = check = stop_motion = _nothing
 
     async def at_rest(self) -> bool:
         return True
@@ -55,12 +55,12 @@ class NoArm:
     async def where(self) -> Reading:
         return Reading(np.eye(4), np.zeros(6))
 
-    rest = where
+    wait_until_at_rest = where
 
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    move = hand = prove_stop = set_outputs = work_valves = ask_input = _refuse
+    move = set_gripper = test_stop = set_outputs = work_valves = ask_input = _refuse
 
     def use_tool(self, _: Array) -> None:
         """There is nothing to mount a gripper on."""

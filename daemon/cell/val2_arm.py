@@ -38,7 +38,7 @@ from drivers.val2.location import Location, apart, location_from_matrix, matrix_
 from drivers.val2.wire import Where
 
 REST_S = 5.0
-"""How long `rest` waits for a motion that facetd did not command."""
+"""How long `wait_until_at_rest` waits for a motion that facetd did not command."""
 LEFT_S = 4.0
 """How long what a person began may still move the arm once they have left: one motion that ends, and no program."""
 NO_ZERO = "the arm has not found its zero: `enable`, then `robot cal`"
@@ -96,7 +96,7 @@ class Val2Arm:
             await self._set_tool()
         return self._reading(await self.link.where())
 
-    async def rest(self) -> Reading:
+    async def wait_until_at_rest(self) -> Reading:
         """WHERE of the arm at rest, with our TOOL. Raises LinkError; NoAnswer where it still moves after REST_S."""
         if self.beliefs.now.tool is None:
             await self._set_tool()
@@ -132,7 +132,9 @@ class Val2Arm:
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
             try:
-                return self._reading(await self.link.rest(location, timeout_s, self._ahead(then, location)))
+                return self._reading(
+                    await self.link.wait_until_at_rest(location, timeout_s, self._ahead(then, location))
+                )
             except Elsewhere as elsewhere:
                 if elsewhere.where is None:
                     raise
@@ -144,7 +146,7 @@ class Val2Arm:
             return None
         return NextMove(location_from_matrix(then.world_from_tool, here.o_deg), then.straight, then.speed_pct)
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         """CLOSEI or OPENI."""
         with _refusals():
             await (self.link.close_hand if closed else self.link.open_hand)()
@@ -186,19 +188,19 @@ class Val2Arm:
         """Whether there is a line to the controller."""
         return self.link.connected
 
-    async def abort(self) -> None:
+    async def stop_motion(self) -> None:
         """Stop the arm now and confirm that it is at rest. Raises StopRefusedError at once, LinkError after some
         tries."""
         self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
-            await self.link.abort()
+            await self.link.stop_motion()
         self._heard()
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         """Check that the controller accepts the stop command. Raises StopRefusedError, LinkError."""
         self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
-            await self.link.prove_stop()
+            await self.link.test_stop()
         self._heard()
 
     @property
@@ -268,7 +270,7 @@ class Val2Arm:
         types. tell: called with where the arm had to be stopped behind them.
 
         Leaves when the arm is at rest and no program runs, or the controller asks something; then sets TOOL again.
-        abort() still works, and ends it.
+        stop_motion() still works, and ends it.
         """
         self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
@@ -319,7 +321,7 @@ class Val2Arm:
             if not lacks_zero(refused.message):
                 raise
         with _refusals():
-            await self.link.prove_stop()
+            await self.link.test_stop()
         if late:
             tell(ENDED)
 

@@ -127,7 +127,7 @@ def _session(context: CommandContext, board: Board, held: bool = False) -> Calib
     """Start a calibration. held: the gripper holds the board; the tour guards the board once it was seen, and nothing
     moves before."""
     cycle = context.cycle
-    prepare_to_move = cycle.supervisor.mover.rest if held else cycle.prepare_to_move
+    prepare_to_move = cycle.supervisor.mover.wait_until_at_rest if held else cycle.prepare_to_move
     settling = cycle.settings.settling
     return CalibrationSession(cycle.supervisor, prepare_to_move, settling, board, context.calibration, held)
 

@@ -58,7 +58,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
     """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
     arm, supervisor = _monitor_of(context), context.cycle.supervisor
-    by_hand = partial(supervisor.by_hand, ask=frontend.asks)
+    run_line = partial(supervisor.run_typed_line, ask=frontend.asks)
     text = " ".join(words[1:])
     if what == "power-up":
         question = arm.question
@@ -68,21 +68,21 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
         for reply in replies:
             arm.check_typable(reply)
         if arm.asks_whether_to_move:
-            if not (supervisor.permission.enabled or supervisor.permission.by_hand_only):
+            if not (supervisor.permission.enabled or supervisor.permission.typed_lines_only):
                 raise CommandError(NOT_OF_POWER_UP.format(question))
 
             async def answered() -> list[str]:
                 context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
                 return await arm.power_up(replies)
 
-            output = await with_questions(context, by_hand("power-up", answered), frontend)
+            output = await with_questions(context, run_line("power-up", answered), frontend)
         else:
             output = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
         return _replies([question, *output])
     if what == "cal":
         no_more(words, 1, "robot cal")
         reply = context.config.values.arm.calibrate_answer
-        output = await with_questions(context, by_hand(CAL, lambda: arm.calibrate(reply)), frontend)
+        output = await with_questions(context, run_line(CAL, lambda: arm.calibrate(reply)), frontend)
         return _replies([*output, f"(answered {reply}) The arm is calibrated and at rest."])
     if not text:
         return await monitor(context, frontend)
@@ -95,7 +95,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
         return await arm.monitor(text)
 
     if arm.moves_the_arm(text):
-        return _replies(await with_questions(context, by_hand(text, typed), frontend))
+        return _replies(await with_questions(context, run_line(text, typed), frontend))
     return _replies(await supervisor.converse(text, typed, moves=False))
 
 

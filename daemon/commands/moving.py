@@ -47,7 +47,7 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
     asked = supervisor.stops
     grant = Grant.ALL if _has_hand_eye(context) else await _ask_robot_only(context, frontend)
     try:
-        await supervisor.prove_stop()
+        await supervisor.test_stop()
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: correct arm.dialect.abort_word and restart facetd") from None
     if grant is Grant.ALL and not _has_hand_eye(context):
@@ -73,7 +73,7 @@ async def _ask_robot_only(context: CommandContext, frontend: Frontend) -> Grant:
         )
     if not await yes_or_no(frontend, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
-    return Grant.BY_HAND
+    return Grant.TYPED_LINES
 
 
 @command("disable", "move", at_once=True)
@@ -139,7 +139,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
             raise CommandError(f"not resumed, the fault is still active: {before['fault']}; `resume` asks again")
         if not agreed:
             return _clear_fault(context, lines, stops, pauses)
-        await supervisor.prove_stop()
+        await supervisor.test_stop()
         if not _has_hand_eye(context):
             raise CommandError("not resumed: the calibration was replaced by one without hand_eye meanwhile")
         if context.cycle.pick_order != pick_order:
@@ -260,7 +260,7 @@ async def _follow_auto(context: CommandContext, frontend: Frontend) -> list[Cycl
 async def hand(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
-    await with_questions(context, context.cycle.hand(word == "close"), frontend)
+    await with_questions(context, context.cycle.set_gripper(word == "close"), frontend)
     if context.cycle.status()["dry"]:
         return CommandResult("Dry run: planned, not sent.")
     return CommandResult("The gripper is open." if word == "open" else "The gripper is closed.")

@@ -97,8 +97,8 @@ def _cell_state(state: dict[str, Any]) -> str:
     if state["fault"]:
         moves = "stopping: not confirmed at rest yet" if state.get("stopping") else "nothing moves until `resume`"
         return f"{fault_line(state['fault'])} ({moves})"
-    by_hand = state.get("by_hand_only")
-    words = ["arm enabled" if state["enabled"] else "arm enabled for `robot` only" if by_hand else "arm disabled"]
+    typed_lines = state.get("by_hand_only")
+    words = ["arm enabled" if state["enabled"] else "arm enabled for `robot` only" if typed_lines else "arm disabled"]
     words += [word for word in ("paused", "dry", "step") if state.get(word)]
     return ", ".join(words)
 

@@ -125,13 +125,13 @@ async def here(context: CommandContext, words: list[str], frontend: Frontend) ->
         raise CommandError(f"{name}: a position's name is small letters, digits and _, as in bin2", NOT_UNDERSTOOD)
     if name in context.cycle.positions() or name == "drop":
         raise CommandError(f"{name} is a position of the configuration (`pick` in facetd.yaml); choose another name")
-    pose = await context.cycle.rest()
+    pose = await context.cycle.wait_until_at_rest()
     before = kept(context).now().get(name)
     if before is not None and frontend.asks:
         apart = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]))
         if not await yes_or_no(frontend, f"{name} is {apart:.1f} mm from here. Replace it by this position? [y/n]"):
             return CommandResult("Nothing was changed.", status=NOT_DONE)
-        off_mm, turned = frames.size(frames.difference(await context.cycle.rest(), pose))
+        off_mm, turned = frames.size(frames.difference(await context.cycle.wait_until_at_rest(), pose))
         if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
             raise CommandError(f"the arm has moved since the question: repeat `here {name}`")
     kept(context).keep(name, pose, frontend.who)

@@ -147,7 +147,7 @@ async def serve_the_line(context: CommandContext) -> None:
     await keep_watch(
         context.cycle.production_line,
         lambda: context.cycle.packml,
-        lambda: context.hardware.robot.permission.stop_seen,
+        lambda: context.hardware.robot.permission.stop_tests,
         lambda: reset_by_line(context),
         lambda text: context.troubles.report("signals", text),
         ANSWERABLE,

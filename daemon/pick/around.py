@@ -108,9 +108,9 @@ async def walk_round(context: PickContext, count: int, report: Report) -> tuple[
             reraise_if_all_refused(error)
             await report(f"{name}: left out: {error}")
             continue
-        if context.mover.dry or context.mover.belief.at is None:
+        if context.mover.dry or context.mover.belief.resting_reading is None:
             continue
-        looks.append(await context.look(context.mover.belief.at, f"round it, {name}"))
+        looks.append(await context.look(context.mover.belief.resting_reading, f"round it, {name}"))
         seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
         await report(f"{name}: {seen} facet" + "s" * (seen != 1))
     return thing, looks
@@ -126,7 +126,7 @@ async def _found(context: PickContext) -> CircledPart:
                 break
             pose = view.pose(context.cell.mounting)
             await mover.travel(pose, "find it", lambda _: settings.travel_pct)
-        reading = mover.belief.at or await mover.rest()
+        reading = mover.belief.resting_reading or await mover.wait_until_at_rest()
         try:
             return single_part_in(await context.lit_look(reading, "find it"))
         except NoSinglePartError as error:

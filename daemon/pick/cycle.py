@@ -306,12 +306,12 @@ class PickCycle:
 
         await self.supervisor.run(purpose, ways())
 
-    async def rest(self) -> Array:
+    async def wait_until_at_rest(self) -> Array:
         """Where the arm is at rest, world_from_tool (4, 4) mm."""
-        reading = await self.supervisor.run("where", self.supervisor.mover.rest(), moves=False)
+        reading = await self.supervisor.run("where", self.supervisor.mover.wait_until_at_rest(), moves=False)
         return reading.world_from_tool
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         await self.supervisor.run("close the gripper" if closed else "open the gripper", self._hand(closed))
 
     def positions(self) -> dict[str, Array]:
@@ -336,7 +336,7 @@ class PickCycle:
         if answer:
             self.beliefs.learn(BeliefSource.OPERATOR, holding=True)
         elif self.belief.holds_part is not False or self.belief.empty_unproven:
-            self.beliefs.learn(BeliefSource.OPERATOR, holding=False, held=None, load=None)
+            self.beliefs.learn(BeliefSource.OPERATOR, holding=False, grasped_part=None, held_shape=None)
 
     # Inside.
 
@@ -395,7 +395,7 @@ class PickCycle:
         if self.settings.gripper.by_vacuum and self.production_line.valves_at_outputs:
             await self.production_line.work_cup(closed, hand_s)
         else:
-            await self.supervisor.mover.by_hand_valves(closed, hand_s)
+            await self.supervisor.mover.operate_hand_valves(closed, hand_s)
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover
@@ -413,7 +413,7 @@ class PickCycle:
         if self.recogniser is None:
             raise RefusedError("there is no model to recognise parts with: teach and train first")
         mover = self.supervisor.mover
-        before = await mover.rest() if self.cell.alone is None else await self._set_out_to_look()
+        before = await mover.wait_until_at_rest() if self.cell.alone is None else await self._set_out_to_look()
         self._must_be_out_of_view(before)
         look = await self._context(self.recogniser).lit_look(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
@@ -431,7 +431,7 @@ class PickCycle:
         return await set_down.held_here(self._context(self.recogniser))
 
     async def _plan_from_side(self, goal: Goal, side: int) -> SidePlan:
-        await self.supervisor.mover.rest()
+        await self.supervisor.mover.wait_until_at_rest()
         settings, mover = self.settings, self.supervisor.mover
         reach = replace(mover.reach, bounds=mover.limits)  # for a gripper that is empty, whatever it may hold now
         lying_at = np.array([*settings.surveys[0].centre_mm[:2], settings.limits.table_z_mm])
@@ -465,7 +465,7 @@ class PickCycle:
         return await walk_round(context, count, report)
 
     async def _hand(self, closed: bool) -> None:
-        await self.supervisor.mover.hand(closed, self.settings.hand_time_s(closed))
+        await self.supervisor.mover.set_gripper(closed, self.settings.hand_time_s(closed))
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.prepare_to_move()
@@ -474,7 +474,7 @@ class PickCycle:
     async def prepare_to_move(self) -> Reading:
         """Where the arm is at rest, from where a job may go: each that moves begins so."""
         self.guard_the_hand()
-        return await self.supervisor.mover.rest()
+        return await self.supervisor.mover.wait_until_at_rest()
 
     async def _set_out_to_look(self) -> Reading:
         """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one camera,
@@ -513,14 +513,14 @@ class PickCycle:
 
     def _assume_the_longest(self) -> None:
         """Guard what may be in the hand as the longest part of the model, or as what was assumed before."""
-        load, recogniser, gripper = self.belief.load, self.recogniser, self.settings.gripper
+        load, recogniser, gripper = self.belief.held_shape, self.recogniser, self.settings.gripper
         if load is not None and load.source is not BeliefSource.ASSUMED:  # facetd grasped it, and knows how it lies
             return
         shapes = [] if recogniser is None else [recogniser.shape(label) for label in recogniser.labels]
         held = held_anyhow([shape.corners_mm for shape in shapes if shape is not None], *gripper.held_about)
         loads = self.belief.capsules + (() if held is None else (held,))
         if loads:
-            self.beliefs.learn(BeliefSource.ASSUMED, load=(max(loads, key=lambda load: load.radius_mm),))
+            self.beliefs.learn(BeliefSource.ASSUMED, held_shape=(max(loads, key=lambda load: load.radius_mm),))
 
     def _set_order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
@@ -614,7 +614,7 @@ class PickCycle:
             await self._stop_arm(JobEvent.ABORT, str(error), None)
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", cause_of(error)
-            world.let_go &= cause.code is not CauseCode.SENSOR_DISAGREES
+            world.gripper_opened &= cause.code is not CauseCode.SENSOR_DISAGREES
             self._cut_short(world, JobEvent.ERROR, why, cause.code)
             await self._stop_arm(JobEvent.ERROR, why, why, cause)
         end = self._ended(world, started_s)
@@ -626,12 +626,12 @@ class PickCycle:
         """Record a stop as the outcome of the pick. A pick that has already released its part, or only goes home, keeps
         its outcome, and its record has the stop beside it."""
         world.ended_by = by
-        if not (world.let_go or world.going_home):
+        if not (world.gripper_opened or world.going_home):
             outcome = Outcome.FAULT if by is JobEvent.ERROR else Outcome.ABORTED
             world.result = PickResult(outcome, why, code)
             return
         world.stopped_by, world.result = code, replace(world.result, why=f"{world.result.why}; then {why}")
-        if world.let_go and not world.brought:
+        if world.gripper_opened and not world.brought:
             self._brought(world)
             self._set_order(self.pick_order)
 

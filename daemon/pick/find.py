@@ -78,9 +78,9 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
         pose = view.pose(context.cell.mounting)
         if not await _is_there(context, pose):
             await travel(context, world, pose, f"survey {number}")
-        assert context.mover.belief.at is not None
+        assert context.mover.belief.resting_reading is not None
         world.taken += 1
-        seen = await context.lit_look(context.mover.belief.at, f"survey {number}")
+        seen = await context.lit_look(context.mover.belief.resting_reading, f"survey {number}")
         await world.take_in(context, seen)
         if any(part.named for part in world.left(context)):
             await _settle_question(context, world)
@@ -95,7 +95,7 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
 
 async def _is_there(context: PickContext, pose: Array) -> bool:
     """Whether the arm stands there already, as its controller says now: in step mode nobody is asked about no move."""
-    at = context.mover.belief.at
+    at = context.mover.belief.resting_reading
     if at is None or context.mover.dry or apart_mm(at.world_from_tool[:3, 3], pose[:3, 3]) > THERE_MM:
         return False
     if np.degrees(frames.angle_between(at.world_from_tool, pose)) > THERE_DEG:

@@ -65,8 +65,8 @@ class Target:
 
     side_view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its
     name.
-    looked_before: the look before the last one; held: tool_from_part (4, 4) as it was measured in the gripper;
-    seen_at: (3,) world mm, the middle of what showed of it when it was chosen, by which it is known again.
+    looked_before: the look before the last one; measured_in_gripper: tool_from_part (4, 4) as it was measured in the
+    gripper; seen_at: (3,) world mm, the middle of what showed of it when it was chosen, by which it is known again.
     """
 
     label: str
@@ -81,7 +81,7 @@ class Target:
     side_view: Array | None = None
     confidence: float = 1.0
     looked_before: Look | None = None
-    held: Array | None = None
+    measured_in_gripper: Array | None = None
     seen_at: Array | None = None
 
     @property

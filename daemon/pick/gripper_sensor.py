@@ -59,7 +59,7 @@ def stop_if_contradicted(context: PickContext, text: str | None) -> None:
 async def gripper_pair(context: PickContext, target: Target | None) -> CapturedPair | None:
     """A pair of the gripper that may hold the target, from where the arm is at rest; None where the pictures do not
     come to rest (a conveyor below)."""
-    cell, reading = context.cell, context.mover.belief.at
+    cell, reading = context.cell, context.mover.belief.resting_reading
     if target is None or context.mover.dry:
         return None
     assert reading is not None

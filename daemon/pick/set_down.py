@@ -82,7 +82,9 @@ async def measure(context: PickContext, target: Target, taken: CapturedPair) -> 
     if held.chi2 > CHI_SQUARE_6:
         return None
     corners = frames.apply(held.pose, target.shape.corners_mm)
-    context.mover.beliefs.learn(BeliefSource.OBSERVED, load=carried_part(corners, f"{target.label} in the gripper"))
+    context.mover.beliefs.learn(
+        BeliefSource.OBSERVED, held_shape=carried_part(corners, f"{target.label} in the gripper")
+    )
     return held.pose
 
 
@@ -94,8 +96,8 @@ async def set_down(
     if the part was lost on the way."""
     target, mover = world.the_target(), context.mover
     assert target.way is not None
-    assert target.held is not None
-    goal, held = target.way.goal, target.held
+    assert target.measured_in_gripper is not None
+    goal, held = target.way.goal, target.measured_in_gripper
     way = replace(
         set_down_of(goal, target.way.pose, held, context.settings, context.cell.mounting), look=target.way.look
     )
@@ -124,9 +126,9 @@ async def set_down(
     world.laid += goal.between
     _note(context, world, goal, PlaceFinding(PlaceStatus.SET))
     world.set_down_at = None if goal.between else goal.place.name
-    await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
+    await mover.set_gripper(closed=False, hand_s=context.settings.hand_time_s(closed=False))
     if not goal.between:
-        world.let_go, world.result = True, not_looked_at(target.label, f"at {where}")
+        world.gripper_opened, world.result = True, not_looked_at(target.label, f"at {where}")
     sensor = await read_sensor(context, "let go")
     stop_if_contradicted(context, contradiction(target.label, sensor, f"was let go at {where}", False))
     target.plan = replace(target.plan, way=way)
@@ -159,7 +161,7 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
     seen = (await _judge(context, world, goal, PlaceStatus.MISSING))[0].status
     outcome, code = BY_LOOK.get(seen, (Outcome.RELEASED, CauseCode.NOT_AT_PLACE))
     why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
-    world.let_go, world.result = False, PickResult(outcome, why, code)
+    world.gripper_opened, world.result = False, PickResult(outcome, why, code)
     context.decide(outcome, why, code or DecisionCode.PICKED, label=target.label)
     return PickEvent.SEEN
 
@@ -223,7 +225,7 @@ async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceS
 async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     """Where the one part of this label that lies here is, world_from_part (4, 4) mm, by looks from up to three sides.
     Raises RefusedError where there is none, or more than one."""
-    shape, reading = context.recogniser.shape(label), context.mover.belief.at
+    shape, reading = context.recogniser.shape(label), context.mover.belief.resting_reading
     assert reading is not None
     seen = await context.lit_look(reading, f"find {label}")
     found = [part for part in seen_parts(seen) if part.named and part.label == label]
@@ -257,7 +259,7 @@ class HeldHere(NamedTuple):
 async def held_here(context: PickContext) -> HeldHere:
     """The part in the gripper, from where the arm rests: see PickCycle.held_here. Raises RefusedError where it is not
     known."""
-    cell, held = context.cell, context.mover.belief.held
+    cell, held = context.cell, context.mover.belief.grasped_part
     if held is None or context.mover.belief.holds_part is False:
         raise RefusedError("facetd has grasped no part that is in the gripper: `pick` one, and `stop` it on its way")
     label, shape = held.value.label, context.recogniser.shape(held.value.label)
@@ -266,7 +268,7 @@ async def held_here(context: PickContext) -> HeldHere:
         raise RefusedError(f"the {label} in the gripper is no longer taught: {lay_it}")
     if cell.alone is not None or isinstance(cell.mounting, InWorld):
         raise RefusedError(f"only both cameras on the gripper see how it holds a part: {lay_it}")
-    before = await context.mover.rest()
+    before = await context.mover.wait_until_at_rest()
     seen = await context.lit_look(before, f"{label} in the gripper")
     try:
         await context.mover.still_there(f"the place of the {label} is to be taught")

@@ -64,11 +64,11 @@ async def final(
 async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.CLOSED]:
     """Close the gripper. From now on the guard includes the part, at the pose at which it should have been grasped."""
     target = world.the_target()
-    await context.mover.hand(closed=True, hand_s=context.settings.hand_time_s(closed=True))
+    await context.mover.set_gripper(closed=True, hand_s=context.settings.hand_time_s(closed=True))
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     load = carried_part(corners, f"{target.label} in the gripper")
     held = grasped_part(target, context.settings.doubt)
-    context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load, held=held)
+    context.mover.beliefs.learn(BeliefSource.COMMANDED, held_shape=load, grasped_part=held)
     await wait_for_hold(context)
     return PickEvent.CLOSED
 
@@ -121,10 +121,10 @@ async def where_to(
     text = "bring it to the bin"
     if target.way is not None:
         goal = target.way.goal
-        target.held = await measure(context, target, seen.taken)
+        target.measured_in_gripper = await measure(context, target, seen.taken)
         if goal.between and is_barred(goal, seen):
             why, code = f"{why}; something lies where the part was to be laid on the table", CauseCode.NO_WAY_TO_PLACE
-        elif target.held is None:
+        elif target.measured_in_gripper is None:
             text, code = "bring it to the bin, not to its place", DecisionCode.NOT_MEASURED
             why = f"{why}; its edges in the gripper do not show how it is held"
         else:
@@ -180,7 +180,7 @@ async def over_bin(
     if context.mover.dry:
         world.result = PickResult(Outcome.DRY, "dry run: the part in the gripper would be released now", None)
         return PickEvent.DRY
-    world.let_go = True
+    world.gripper_opened = True
     if target is not None:
         world.result = not_looked_at(target.label, "above the bin")
     sensor = await read_sensor(context, "let go")
@@ -195,7 +195,7 @@ async def over_bin(
     if lost and above is InGripper.PART:
         stop_if_contradicted(context, contradiction(target.label, False, "was in it above the bin", True))
     above = InGripper.EMPTY if lost else above
-    world.let_go = False
+    world.gripper_opened = False
     world.result = result = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
     context.decide(result.outcome, result.why, result.code or DecisionCode.PICKED, label=target.label)
@@ -228,7 +228,7 @@ async def release_over_bin(context: PickContext, world: WorldModel, purpose: str
 async def _open_gripper(context: PickContext) -> None:
     """Open the gripper, if the arm is still where it came to rest above the bin."""
     await context.mover.still_there("the gripper is to open above the bin")
-    await context.mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
+    await context.mover.set_gripper(closed=False, hand_s=context.settings.hand_time_s(closed=False))
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:

@@ -129,7 +129,7 @@ class PickContext:
                 reraise_if_all_refused(error)
                 refused = str(error)
                 continue
-            beside = mover.belief.at
+            beside = mover.belief.resting_reading
             assert beside is not None
             rest_s = cell.clock()
             second = await taken_here(cell, beside, rest_s, settings.settling)
@@ -227,7 +227,7 @@ class WorldModel:
     """The place at which the gripper was to open."""
     result: PickResult = NOTHING_THERE
     """The outcome so far."""
-    let_go: bool = False
+    gripper_opened: bool = False
     """The gripper has opened where the part was to go, and no look has judged it yet."""
     brought: bool = False
     """Whether the part was released over the bin or at its place."""
@@ -372,7 +372,7 @@ async def travel(
 
 async def look(context: PickContext, world: WorldModel, purpose: str, expected: Expected | None = None) -> Look:
     """A look from where the last move ended."""
-    assert context.mover.belief.at is not None
+    assert context.mover.belief.resting_reading is not None
     stop = 0 if world.target is None else world.target.looks + 1
     world.taken += 1
-    return await context.look(context.mover.belief.at, purpose, stop, expected)
+    return await context.look(context.mover.belief.resting_reading, purpose, stop, expected)

@@ -75,7 +75,7 @@ class ProductionLine:
         """Whether the signal was seen off since it last counted: one that stays on does not count again."""
         self._start_at_done = False
         self._blowing = False
-        self._stop_seen = 0
+        self._stop_tests = 0
         self._line = asyncio.Lock()
 
     @property
@@ -192,16 +192,16 @@ class ProductionLine:
             self._start_at_done = await self.read(self._by_role["cycle_start"])
             self.done = True
 
-    async def watch(self, state: PackMLState, stop_seen: int = 0) -> bool:
+    async def watch(self, state: PackMLState, stop_tests: int = 0) -> bool:
         """Read the inputs that a hand-shake waits for, and set the outputs that differ; returns whether the line asks
         for a reset.
 
-        stop_seen: of the motion permission; another one means that the controller may have been switched off, its
+        stop_tests: of the motion permission; another one means that the controller may have been switched off, its
         outputs with it.
         """
         reset = False
-        if stop_seen != self._stop_seen:
-            self._stop_seen = stop_seen
+        if stop_tests != self._stop_tests:
+            self._stop_tests = stop_tests
             self.forget()
         aborted = state is PackMLState.ABORTED
         if self._readable("cycle_start") and self.done and not self.waits_to_begin:
@@ -275,19 +275,19 @@ class ProductionLine:
 async def keep_watch(
     line: ProductionLine,
     state: Callable[[], PackMLState],
-    stop_seen: Callable[[], int],
+    stop_tests: Callable[[], int],
     reset: Callable[[], None],
     trouble: Callable[[str | None], None],
     failures: tuple[type[Exception], ...],
     sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
-    """Serve the line until cancelled. stop_seen: see watch; reset: called when the line asks to clear a fault; trouble:
-    called with the reason after two failures in a row (a stop makes one command fail), with None when the line works
-    again; failures: errors of the controller's line."""
+    """Serve the line until cancelled. stop_tests: see watch; reset: called when the line asks to clear a fault;
+    trouble: called with the reason after two failures in a row (a stop makes one command fail), with None when the line
+    works again; failures: errors of the controller's line."""
     failed = False
     while line.has_line:
         try:
-            if await line.watch(state(), stop_seen()):
+            if await line.watch(state(), stop_tests()):
                 reset()
             failed = False
             trouble(None)

@@ -45,7 +45,7 @@ class SendPermission(Protocol):
     """Whether motion commands may be sent. The line shares this object with its owner: the line writes what concerns
     the stop, the owner everything else."""
 
-    stop_seen: int
+    stop_tests: int
     """How often it was verified that the controller accepts the stop command; 0: not yet since the port was opened or
     the controller was switched on, when it may be another controller or have another configuration."""
     stop_answered: int
@@ -63,7 +63,7 @@ class Unconditional:
     """A permission that never withholds motion."""
 
     def __init__(self) -> None:
-        self.stop_seen = self.stop_answered = self.heard = 0
+        self.stop_tests = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
 
     @property

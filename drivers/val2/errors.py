@@ -97,7 +97,7 @@ class Elsewhere(LinkError):  # noqa: N818
 
 
 class Preempted(LinkError):  # noqa: N818
-    """An abort took over the line: the interrupted command was given up."""
+    """A stop took over the line: the interrupted command was given up."""
 
 
 class LineHeldBack(LinkError):  # noqa: N818

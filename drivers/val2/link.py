@@ -1,8 +1,8 @@
 """Command a VAL II controller: connect, read the arm's position, move it, stop it. On asyncio.
 
-Commands of several tasks take turns; `abort` does not wait for its turn. If the echo of a command was garbled, its line
-was not ended, so the command is typed again. If its *answer* was lost, it may have been carried out, so a motion is not
-repeated: the link finds the prompt again, reads WHERE, and raises an error with what it knows.
+Commands of several tasks take turns; `stop_motion` does not wait for its turn. If the echo of a command was garbled,
+its line was not ended, so the command is typed again. If its *answer* was lost, it may have been carried out, so a
+motion is not repeated: the link finds the prompt again, reads WHERE, and raises an error with what it knows.
 """
 
 import asyncio
@@ -115,7 +115,7 @@ class Link:
         verified."""
         self.stopped_on_opening = False
         """Whether the arm was moving when the port was last opened, and was stopped."""
-        self._times_seen = 0
+        self._times_tested = 0
         self.program_may_run = False
         """Whether a person may have started a program since the controller last accepted the stop command: then a
         question may come from that program, and two WHERE that agree may only be a pause of it."""
@@ -134,7 +134,7 @@ class Link:
             self.clock,
             self._ledger,
             self._open_port,
-            self._void_stop_proof,
+            self._void_stop_test,
             self._somebody_else_types,
             self.permission,
         )
@@ -147,30 +147,30 @@ class Link:
             raise
 
     async def close(self) -> None:
-        """Close the port; may be called twice. Does not stop the arm: abort() does."""
+        """Close the port; may be called twice. Does not stop the arm: stop_motion() does."""
         self._let_go()
 
     def _let_go(self) -> None:
-        self._void_stop_proof()
+        self._void_stop_test()
         self.permission.stop_took_s = 0.0
         self.program_may_run, self._preamble = False, None
         if self._session is not None:
             self._session.close()
             self._session = None
 
-    def _void_stop_proof(self) -> None:
-        self.permission.stop_seen = 0
+    def _void_stop_test(self) -> None:
+        self.permission.stop_tests = 0
 
     def _somebody_else_types(self) -> None:
         """Void the verification of the stop: somebody else may have started a program or a motion, or redefined the
         stop command."""
-        self._void_stop_proof()
+        self._void_stop_test()
         self.disturbed()
 
     @property
-    def stop_seen(self) -> int:
-        """permission.stop_seen; 0: not verified that the controller accepts the stop command."""
-        return self.permission.stop_seen
+    def stop_tests(self) -> int:
+        """permission.stop_tests; 0: not verified that the controller accepts the stop command."""
+        return self.permission.stop_tests
 
     @property
     def connected(self) -> bool:
@@ -210,7 +210,8 @@ class Link:
             return session.accept(answer)
 
     def terminal(self, on_bytes: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
-        """Context: connect a person to the controller. Commands wait until the person leaves; abort() still works."""
+        """Context: connect a person to the controller. Commands wait until the person leaves; stop_motion() still
+        works."""
         self.program_may_run = True
         return self._open_session.terminal(on_bytes)
 
@@ -283,7 +284,9 @@ class Link:
         async with session.turn() as talk:
             return session.accept(await session.ask(talk, text, (), self.dialect.answer_s)).of_text
 
-    async def rest(self, location: Location, timeout_s: float | None = None, then: NextMove | None = None) -> Where:
+    async def wait_until_at_rest(
+        self, location: Location, timeout_s: float | None = None, then: NextMove | None = None
+    ) -> Where:
         """Wait until the arm is at rest at location: two readings agree, near it; or, after the prompt to BREAK, one
         reading is as near to it as two readings of an arm at rest are to each other.
 
@@ -323,24 +326,24 @@ class Link:
         async with self._open_session.turn() as talk:
             return await self._still(talk, timeout_s, any_place, before)
 
-    async def abort(self) -> Where | None:
+    async def stop_motion(self) -> Where | None:
         """Stop the arm now, and return where it came to rest. A task that is using the link gets Preempted. None: the
         controller accepted the command and cannot report a position, because it is at its power-up questions or the
         arm is not calibrated. Then nothing moves; a CAL has ended, because the prompt comes only after it.
 
         Raises StopWordRefused at once where the controller does not accept the command; NoAnswer and others where it
-        does not report rest after some tries. Then the arm may still move: abort again.
+        does not report rest after some tries. Then the arm may still move: stop it again.
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
             self._aborting.add_done_callback(mark_heard)
         return await asyncio.shield(self._aborting)
 
-    async def prove_stop(self) -> None:
-        """Test the stop, and measure how long it takes; the test is a real `abort`. Raises as abort, and
+    async def test_stop(self) -> None:
+        """Test the stop, and measure how long it takes; the test is a real `stop_motion`. Raises as stop_motion, and
         ControllerError where the controller asks a question instead."""
         began_s = self.clock()
-        await self.abort()
+        await self.stop_motion()
         self.permission.stop_took_s = self.clock() - began_s
         if self.question is not None:
             raise unanswered(self.question)
@@ -372,14 +375,14 @@ class Link:
                     await self._see_that_it_rests(talk)
             return
         except Preempted:  # a stop that waited for the line comes first, and sees the arm at rest
-            await self.abort()
+            await self.stop_motion()
             return
         except NoAnswer as problem:
             if isinstance(problem, ProcessorHalted) or (self.dialect.echo and not isinstance(problem, Busy)):
                 raise
             silent = problem
         try:
-            await self.abort()
+            await self.stop_motion()
         except (NoAnswer, Garbled):
             raise silent from None
         self.stopped_on_opening = True
@@ -475,7 +478,7 @@ class Link:
         timeout_s: float | None,
         meant: Callable[[str], bool] = bool,
     ) -> ControllerAnswer:
-        """Type several lines in one turn, so that no abort can come between them unnoticed. Returns the last answer."""
+        """Type several lines in one turn, so that no stop can come between them unnoticed. Returns the last answer."""
         session = self._open_session
         async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
@@ -607,16 +610,16 @@ class Link:
                 session.accept(answer)
                 break
             if not set(by_itself).isdisjoint(answer.errors):
-                self._void_stop_proof()
+                self._void_stop_test()
                 word, words = self.dialect.abort_word, "; ".join(answer.errors)
                 raise StopWordRefused(f"the controller does not accept {word} (it answers `{words}`)")
             by_itself += answer.errors
         else:
             raise ControllerError("; ".join(by_itself))
         self.program_may_run = False
-        if not self.stop_seen:
-            self._times_seen += 1
-            self.permission.stop_seen = self._times_seen
+        if not self.stop_tests:
+            self._times_tested += 1
+            self.permission.stop_tests = self._times_tested
         return by_itself
 
 
@@ -630,6 +633,6 @@ def nothing() -> None:
 
 
 def mark_heard(aborting: asyncio.Task[Where | None]) -> None:
-    """Mark the error of an abort as retrieved: its caller may have been cancelled."""
+    """Mark the error of a stop as retrieved: its caller may have been cancelled."""
     if not aborting.cancelled():
         aborting.exception()

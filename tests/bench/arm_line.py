@@ -43,7 +43,7 @@ async def measure(server: PtyServer) -> None:
     link = Link(server.port, Dialect(), on_wire=records.append)
     await link.open()
     await link.move(PLACES[0])
-    await link.rest(PLACES[0])
+    await link.wait_until_at_rest(PLACES[0])
     print(f"{'what':<34}{'median s':>10}{'bytes':>7}{'serial s':>10}{'link s':>9}")
     for name, ask in questions(link).items():
         seconds, counts = [], []
@@ -52,7 +52,7 @@ async def measure(server: PtyServer) -> None:
             await ask(k)
             seconds.append(time.perf_counter() - began_s)
             counts.append(wire_bytes(records[before:]))
-            await link.rest(PLACES[k % 2]) if name.startswith("DO MOVE") else await link.where()
+            await link.wait_until_at_rest(PLACES[k % 2]) if name.startswith("DO MOVE") else await link.where()
         median_s, serial_s = statistics.median(seconds), statistics.median(counts) / BYTES_PER_S
         count = f"{statistics.median(counts):.0f}"
         print(f"{name:<34}{median_s:>10.3f}{count:>7}{serial_s:>10.3f}{median_s - serial_s:>9.3f}")
@@ -92,7 +92,7 @@ async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Lo
     before, began_s = len(records), link.clock()
     move = link.move_straight if straight else link.move
     await move(place, start=MoveStart(50.0, lambda where: None))
-    await link.rest(place)
+    await link.wait_until_at_rest(place)
     sent = [record for record in records[before:] if record["way"] == "out"]
     line = next(k for k, record in enumerate(sent) if record["bytes"].startswith("DO MOVE"))
     return float(sent[line + 1]["t_s"]) - began_s
@@ -103,7 +103,7 @@ async def abort_in_mid_move(link: Link, server: PtyServer, k: int) -> tuple[floa
     await link.speed(5)
     await link.move(Location(560.0, -60.0 if k % 2 else 60.0, -150.0, 5.0, 75.0, 0.0))
     began_s = server.now_s()
-    aborting = asyncio.create_task(link.abort())
+    aborting = asyncio.create_task(link.stop_motion())
     natural_s = server_rests_s(server)
     while server_rests_s(server) == natural_s:
         await asyncio.sleep(0.0005)

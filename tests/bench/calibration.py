@@ -89,7 +89,7 @@ async def calibrated(seed: int) -> Calibrated:
     try:
         await hardware.open()
         cycle = PickCycle(*pick_cell(config, start, hardware, Silent(), asyncio.to_thread), None)
-        await cycle.supervisor.prove_stop()
+        await cycle.supervisor.test_stop()
         cycle.supervisor.enable()
         await cycle.go("survey")
         assert hardware.operator is not None

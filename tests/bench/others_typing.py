@@ -64,13 +64,13 @@ async def story(act: Act, seed: int) -> str:
     link = Link("memory", Dialect(baud=BAUD), clock=loop.time, open_port=paced(line))
     await link.open()
     await link.move(NEAR)
-    await link.rest(NEAR)
+    await link.wait_until_at_rest(NEAR)
     happens = asyncio.ensure_future(act(line, faults, rng))
     came = "nothing"
     try:
         for place in (FAR, NEAR):
             await link.move_straight(place, start=MoveStart(50.0, lambda where: None))
-            await link.rest(place)
+            await link.wait_until_at_rest(place)
     except LinkError as error:
         came = "noticed" if isinstance(error, Disturbed) else type(error).__name__
     happens.cancel()

@@ -53,18 +53,18 @@ async def stopped_after(manners: Manners, dialect: Dialect, wait_s: float) -> tu
     link = Link("memory", dialect, clock=loop.time, open_port=paced(line))
     await link.open()
     await link.move(NEAR)
-    await link.rest(NEAR)
+    await link.wait_until_at_rest(NEAR)
 
     async def there() -> None:
         with contextlib.suppress(LinkError):
             await link.move(FAR, start=MoveStart(PERCENT, lambda where: None))
-            await link.rest(FAR)
+            await link.wait_until_at_rest(FAR)
 
     moving = asyncio.create_task(there())
     await asyncio.sleep(wait_s)
     said_s = loop.time()
     at_work = controller.arm.rests_s > said_s
-    await link.abort()
+    await link.stop_motion()
     rest_s = loop.time()
     await moving
     await link.close()

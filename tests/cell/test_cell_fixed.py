@@ -71,7 +71,7 @@ def test_a_board_in_the_gripper_says_where_the_cameras_are_and_how_well_the_arm_
             here.cell.hold_board()
             await here.cycle.move_to(ToolPosition((430.0, 0.0, -110.0), tilt_deg=5.0).pose(), "board in view")
             cycle = here.cycle
-            start = cycle.supervisor.mover.rest, cycle.settings.settling, BOARD, rough, True
+            start = cycle.supervisor.mover.wait_until_at_rest, cycle.settings.settling, BOARD, rough, True
             views = await view_tour(CalibrationSession(cycle.supervisor, *start), 9, silence, 100.0)
             return views, cycle.belief.holds_part, [piece.name for piece in cycle.belief.capsules]
 

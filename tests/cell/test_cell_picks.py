@@ -77,7 +77,7 @@ def test_a_part_whisked_away_while_the_hand_closes_is_reported_missed_or_gone_an
     async def story():
         async with rig(seed=4, model=model) as here:
             simulated_cell.lay(here, "cube", np.random.default_rng(1))
-            hand = here.robot.hand
+            hand = here.robot.set_gripper
 
             async def whisk(closed):
                 part = next(p for p in here.cell.world.parts if p.label == "cube")
@@ -85,7 +85,7 @@ def test_a_part_whisked_away_while_the_hand_closes_is_reported_missed_or_gone_an
                     here.cell.world.nudge(part.name, 40.0, 0.0)
                 await hand(closed)
 
-            here.robot.hand = whisk
+            here.robot.set_gripper = whisk
             end = await here.cycle.pick()
             return end, here.lies("cube")
 
@@ -98,14 +98,14 @@ def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_pi
     async def story():
         async with rig(seed=4, model=model) as here:
             simulated_cell.lay(here, "cube", np.random.default_rng(1))
-            hand = here.robot.hand
+            hand = here.robot.set_gripper
 
             async def take_away(closed):
                 for part in here.cell.world.parts if closed else ():
                     here.cell.world.remove(part.name)
                 await hand(closed)
 
-            here.robot.hand = take_away
+            here.robot.set_gripper = take_away
             end = await here.cycle.pick()
             return end, here.cycle.belief.holds_part
 

@@ -158,12 +158,12 @@ class Cell:
         return [str(entry["bytes"]) for entry in self.wire if entry["way"] == "out"]
 
     async def enable(self) -> None:
-        await self.supervisor.prove_stop()
+        await self.supervisor.test_stop()
         self.supervisor.enable()
 
     async def go(self, pose: np.ndarray, straight: bool, speed_pct: float = 40.0) -> None:
         mover = self.supervisor.mover
-        await mover.rest()
+        await mover.wait_until_at_rest()
         await self.supervisor.run("go", mover.go(MoveCommand(pose, straight, speed_pct, "go")))
 
 
@@ -231,15 +231,15 @@ def test_moves_go_where_the_guard_looked_along_and_end_at_their_target(port: int
             await cell.go((await cell.robot.where()).world_from_tool, straight=True)
         await cell.enable()
         arm = cell.robot.kinematics
-        start = await cell.robot.rest()
+        start = await cell.robot.wait_until_at_rest()
         assert np.degrees(start.joints_rad) == pytest.approx(HOMED_DEG, abs=1e-3)
         for target, straight in (
             (shifted(start.world_from_tool, (30.0, 80.0, -60.0), 0.4), False),
             (shifted(start.world_from_tool, (60.0, -90.0, -90.0), -0.3), True),
         ):
-            before = await cell.robot.rest()
+            before = await cell.robot.wait_until_at_rest()
             joints = await watched(cell.go(target, straight))
-            there = (await cell.robot.rest()).world_from_tool
+            there = (await cell.robot.wait_until_at_rest()).world_from_tool
             assert np.linalg.norm(frames.difference(there, target)[:3]) < 0.01
             assert frames.angle_between(there, target) < 1e-4
             assert len(joints) > 10
@@ -249,7 +249,7 @@ def test_moves_go_where_the_guard_looked_along_and_end_at_their_target(port: int
                 off = np.cross(tools - before.world_from_tool[:3, 3], way / np.linalg.norm(way))
                 assert np.linalg.norm(off, axis=1).max() < 0.2
             else:
-                turn = (await cell.robot.rest()).joints_rad - before.joints_rad
+                turn = (await cell.robot.wait_until_at_rest()).joints_rad - before.joints_rad
                 shares = (joints - before.joints_rad) @ turn / (turn @ turn)
                 off = joints - before.joints_rad - shares[:, None] * turn
                 assert np.degrees(np.abs(off)).max() < 0.05
@@ -261,7 +261,7 @@ def test_moves_go_where_the_guard_looked_along_and_end_at_their_target(port: int
 def test_a_stop_ends_a_move_and_nothing_goes_on_behind_it(port: int, straight: bool) -> None:
     async def story(cell: Cell) -> None:
         await cell.enable()
-        start = await cell.robot.rest()
+        start = await cell.robot.wait_until_at_rest()
         going = asyncio.ensure_future(cell.go(shifted(start.world_from_tool, (60.0, -200.0, -90.0)), straight, 10.0))
         while np.abs((await cell.robot.where()).joints_rad - start.joints_rad).max() < 0.03:
             await asyncio.sleep(0)
@@ -269,17 +269,22 @@ def test_a_stop_ends_a_move_and_nothing_goes_on_behind_it(port: int, straight: b
         assert await cell.supervisor.stop("by a test") is None
         with pytest.raises(Exception, match="stopped by a test"):
             await going
-        stopped = await cell.robot.rest()
+        stopped = await cell.robot.wait_until_at_rest()
         assert np.degrees(np.abs(stopped.joints_rad - moved_to.joints_rad)).max() < 3.0
         sent = len(cell.sent())
         assert await cell.robot.at_rest()
         assert not any("mdi" in line for line in cell.sent()[sent:])
         assert cell.supervisor.permission.fault is not None
-        await cell.supervisor.rested()
+        await cell.supervisor.wait_for_stop_end()
         cell.supervisor.resume()
         await cell.enable()
         await cell.go(start.world_from_tool, straight=False)
-        assert np.linalg.norm((await cell.robot.rest()).world_from_tool[:3, 3] - start.world_from_tool[:3, 3]) < 0.01
+        assert (
+            np.linalg.norm(
+                (await cell.robot.wait_until_at_rest()).world_from_tool[:3, 3] - start.world_from_tool[:3, 3]
+            )
+            < 0.01
+        )
 
     lived(port, story)
 
@@ -288,14 +293,14 @@ def test_an_arm_that_others_moved_or_that_their_screen_has_is_not_sent_on(port: 
     async def story(cell: Cell) -> None:
         await cell.enable()
         mover = cell.supervisor.mover
-        start = await mover.rest()
+        start = await mover.wait_until_at_rest()
         await at_its_screen("c.mdi('G0 X3')", "c.wait_complete(10)")
         sent = len(cell.sent())
         command = MoveCommand(shifted(start.world_from_tool, (0.0, 40.0, 0.0)), True, 40.0, "go")
         with pytest.raises(MovedByOthersError, match="somebody else moved the arm"):
             await cell.supervisor.run("go", mover.go(command))
         assert not any("mdi" in line for line in cell.sent()[sent:])
-        await cell.supervisor.rested()
+        await cell.supervisor.wait_for_stop_end()
         cell.supervisor.resume()
         await cell.enable()
         await at_its_screen("c.feedrate(0.5)", "c.mode(linuxcnc.MODE_MANUAL)", "c.wait_complete(10)")
@@ -303,7 +308,7 @@ def test_an_arm_that_others_moved_or_that_their_screen_has_is_not_sent_on(port: 
             await cell.go(start.world_from_tool, straight=False)
         assert cell.robot.beliefs.now.holds_part is None
         assert not cell.supervisor.permission.enabled
-        await cell.supervisor.rested()
+        await cell.supervisor.wait_for_stop_end()
         cell.supervisor.resume()
         await cell.enable()
         await cell.go(start.world_from_tool, straight=False)
@@ -321,16 +326,16 @@ def test_an_arm_that_others_moved_or_that_their_screen_has_is_not_sent_on(port: 
 def test_a_machine_that_is_switched_off_and_a_shell_that_is_gone_are_told_with_what_to_do(port: int) -> None:
     async def story(cell: Cell) -> None:
         await cell.enable()
-        start = (await cell.robot.rest()).world_from_tool
+        start = (await cell.robot.wait_until_at_rest()).world_from_tool
         await at_its_screen("c.state(linuxcnc.STATE_OFF)", "c.wait_complete(10)")
         with pytest.raises(CellError, match="switch the machine on"):
             await cell.go(shifted(start, (0.0, 30.0, 0.0)), straight=True)
         assert not cell.supervisor.permission.enabled
-        await cell.supervisor.rested()
+        await cell.supervisor.wait_for_stop_end()
         cell.supervisor.resume()
         await at_its_screen("c.state(linuxcnc.STATE_ON)", "c.wait_complete(10)")
         await cell.enable()
-        await cell.supervisor.run("close", cell.supervisor.mover.hand(closed=True))
+        await cell.supervisor.run("close", cell.supervisor.mover.set_gripper(closed=True))
         assert [line for line in cell.sent() if " M6" in line] == ["set mdi M64 P0"]
         Shell(port).leave()
         with pytest.raises(CellError, match="remote shell at"):

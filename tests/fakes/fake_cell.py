@@ -141,7 +141,7 @@ class FakeRobot:
         self.world = world
         self.beliefs = Beliefs(lambda: world.now_s, world.record)
         self.permission = MotionPermission()
-        self.permission.stop_seen = 1
+        self.permission.stop_tests = 1
         self._before: np.ndarray | None = None
 
     def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ class FakeRobot:
         self.world.before("where")
         return Reading(self.world.at.copy(), self._joints(self.world.at))
 
-    async def rest(self) -> Reading:
+    async def wait_until_at_rest(self) -> Reading:
         return await FakeRobot.where(self)
 
     async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):
@@ -170,7 +170,7 @@ class FakeRobot:
         self.world.before("moved")
         return Reading(world_from_tool.copy(), self._joints(world_from_tool))
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         world = self.world
         world.before("hand")
         world.wire.append(("hand", closed))
@@ -194,11 +194,11 @@ class FakeRobot:
         self.world.before("at rest")
         return True
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         self.world.before("prove")
-        self.permission.stop_seen = self.permission.stop_seen or 2
+        self.permission.stop_tests = self.permission.stop_tests or 2
 
-    async def abort(self) -> None:
+    async def stop_motion(self) -> None:
         self.world.wire.append(("abort", None))
         self.world.before("abort")
 

@@ -105,7 +105,7 @@ class FakeCycle:
         self.told.append(f"{purpose}, from over it: {over[:3, 3].round(3).tolist()}")
         self.at = down
 
-    async def rest(self) -> Any:
+    async def wait_until_at_rest(self) -> Any:
         return self.at
 
     async def jog(self, there: Callable[[Any], Any], purpose: str) -> Any:
@@ -128,7 +128,7 @@ class FakeCycle:
     async def look_at_places(self, goals: Any) -> None:
         self.told.append(f"look at {', '.join(goal.place.name for goal in goals)}")
 
-    async def hand(self, closed: bool) -> None:
+    async def set_gripper(self, closed: bool) -> None:
         self.told.append("hand close" if closed else "hand open")
 
     def positions(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class FakeCycle:
     def refuse_while_stopping(self, word: str, busy: bool = False) -> None:
         """Refuse nothing: stops of this fake take no time."""
 
-    async def prove_stop(self) -> None:
+    async def test_stop(self) -> None:
         if self.stop_refused_with:
             raise StopRefusedError(self.stop_refused_with)
 

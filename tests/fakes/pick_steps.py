@@ -15,7 +15,7 @@ def begun(fake: World, settings: Settings | None = None) -> tuple[PickContext, W
     """A pick before its survey, the arm enabled and its place known."""
     cycle = cycle_of(fake, settings)
     mover = cycle.supervisor.mover
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     assert cycle.recogniser is not None
     return PickContext(cycle.cell, mover, cycle.recogniser, cycle.settings, None, cycle=1), WorldModel([])
 

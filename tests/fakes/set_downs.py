@@ -153,7 +153,7 @@ async def set_down_made(
         at = (float(rng.uniform(380, 500)), float(rng.choice([-1, 1]) * rng.uniform(200, 260)), -300.0)
         place = Place("nest", PlaceSettings(part=label), np.eye(4), None, side, at, float(rng.uniform(-180, 180)))
         table = places_of(here, folder, (place,))
-        goal, hand, world = table.goals["nest"], here.robot.hand, here.cell.world
+        goal, hand, world = table.goals["nest"], here.robot.set_gripper, here.cell.world
         turns = tuple(frames.inverse(goal.poses[0]) @ pose for pose in goal.poses)
         held = [(np.nan, np.nan)]
 
@@ -167,7 +167,7 @@ async def set_down_made(
             if not closed and mishap is not None and part is not None and table.status("nest") == "set":
                 mishap(world, part, rng)
 
-        here.robot.hand = works
+        here.robot.set_gripper = works
         end = await here.cycle.pick()
         part = next((p for p in world.parts if p.label == label), None)
         error = (np.nan, np.nan) if part is None else true_error(goal, part)

@@ -127,7 +127,7 @@ async def rig(
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = PickCycle(cell, settings or usual, ModelRecogniser(start, believed.rig, config.values.vision))
         tell_the_motion_monitor(hardware.operator.cell, cycle, log)
-        await cycle.supervisor.prove_stop()
+        await cycle.supervisor.test_stop()
         cycle.supervisor.enable()
         try:
             yield Rig(hardware.operator.cell, cycle, log, hardware.robot)

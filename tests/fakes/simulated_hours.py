@@ -68,7 +68,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: CameraName 
         sight = ModelRecogniser(start, calibration.rig, config.values.vision)
         cycle = PickCycle(*pick_cell(config, calibration, hardware, log, asyncio.to_thread), sight)
         tell_the_motion_monitor(cell, cycle, log)
-        await cycle.supervisor.prove_stop()
+        await cycle.supervisor.test_stop()
         cycle.supervisor.enable()
         trainer: Any = None
         context = CommandContext(

@@ -135,13 +135,13 @@ async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
     line = PacedLine(controller, loop, strange.baud)
     link = Link("memory", dialect_of(strange), loop.time, open_port=line.open)
     await link.open()
-    await link.prove_stop()
+    await link.test_stop()
     turned = controller.machine.joints().copy()
     turned[0] += np.radians(60.0)
     controller.machine.drive_by_pendant(turned)
     await asyncio.sleep(0.5)
     before, tried_s, asked_s = link.permission.stop_answered, link.permission.stop_took_s, loop.time()
-    stop = asyncio.create_task(link.abort())
+    stop = asyncio.create_task(link.stop_motion())
     while link.permission.stop_answered == before:
         await asyncio.sleep(0.005)
     answered_s = loop.time() - asked_s

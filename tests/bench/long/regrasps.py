@@ -28,7 +28,7 @@ from tests.fakes.simulated_cell import rig
 async def plans(samples: int, labels: list[str]) -> None:
     """Print for each part how many pairs of sides there are, what each of both finds, and how long a plan takes."""
     async with rig(seed=1, model=model()) as here:
-        await here.cycle.supervisor.mover.rest()
+        await here.cycle.supervisor.mover.wait_until_at_rest()
         settings, cell, reach = here.cycle.settings, here.cycle.cell, here.cycle.supervisor.mover.reach
         print(
             f"{'part':<18}{'pairs':>6}{'brute':>7}{'planned':>9}{'of these':>10}"

@@ -28,7 +28,7 @@ def test_who_asks_whether_the_arm_is_still_there_hears_it_from_the_controller():
     world.at = NEAR
     with pytest.raises(MovedByOthersError, match="looks disagree"):
         asyncio.run(mover.still_there("looks disagree"))
-    assert mover.belief.at is None
+    assert mover.belief.resting_reading is None
 
 
 def test_an_arm_that_hangs_in_a_short_move_is_given_up_after_the_time_of_that_move(monkeypatch):
@@ -71,9 +71,9 @@ def test_while_a_move_waits_for_the_end_of_a_pause_nothing_may_be_sent():
         hold.pause("ann")
         waits = asyncio.ensure_future(hold.wait("a move"))
         await asyncio.sleep(1.0)
-        assert permission.held
+        assert permission.must_wait
         hold.end_pause()
         await waits
-        assert not permission.held
+        assert not permission.must_wait
 
     lived(story())

@@ -30,12 +30,12 @@ def everything(holding: bool = True) -> CellBelief:
     values = {
         "position": READING,
         "planned": READING,
-        "turned": READING,
+        "last_joint_move_end": READING,
         "tool": np.eye(4),
         "closed": holding,
         "holding": holding,
-        "held": HELD,
-        "load": LOAD,
+        "grasped_part": HELD,
+        "held_shape": LOAD,
     }
     return CellBelief(**{name: Belief(value, BeliefSource.COMMANDED, 1.0) for name, value in values.items()})
 
@@ -51,17 +51,17 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
     ("change", "lost"),
     [
         (VoidingEvent.MOVE_BEGUN, PLACE),
-        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding", "held", "load"}),
-        (VoidingEvent.GRIPPER_OPENS, {"closed", "holding", "held"}),
+        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding", "grasped_part", "held_shape"}),
+        (VoidingEvent.GRIPPER_OPENS, {"closed", "holding", "grasped_part"}),
         (VoidingEvent.STOPPED, CONTROLLER),
         (VoidingEvent.FAULT_CLEARED, CONTROLLER),
-        (VoidingEvent.RECONNECTED, CONTROLLER | {"turned"}),
+        (VoidingEvent.RECONNECTED, CONTROLLER | {"last_joint_move_end"}),
         (VoidingEvent.RESTARTED, set(FACTS)),
         (VoidingEvent.OPERATOR_TYPED, CONTROLLER),
-        (VoidingEvent.TURN_TYPED, {"turned"}),
-        (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "held", "load"}),
-        (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
-        (VoidingEvent.OTHERS_TYPED, set(FACTS) - {"turned"}),
+        (VoidingEvent.TURN_TYPED, {"last_joint_move_end"}),
+        (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "grasped_part", "held_shape"}),
+        (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "held_shape"}),
+        (VoidingEvent.OTHERS_TYPED, set(FACTS) - {"last_joint_move_end"}),
         (VoidingEvent.GRIPPER_CHANGED, set(FACTS)),
     ],
 )
@@ -71,7 +71,7 @@ def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(ch
 
 @pytest.mark.parametrize("change", list(VoidingEvent))
 def test_what_is_guarded_as_the_largest_that_may_be_held_stays_as_long_as_the_gripper_does(change):
-    assumed = replace(everything(), load=Belief(LOAD, BeliefSource.ASSUMED, 1.0))
+    assumed = replace(everything(), held_shape=Belief(LOAD, BeliefSource.ASSUMED, 1.0))
     assert voided(assumed, change).capsules == (() if change is VoidingEvent.GRIPPER_CHANGED else LOAD)
 
 
@@ -85,7 +85,7 @@ def test_whatever_changes_follow_one_another_nothing_becomes_known_by_them(chang
     for change in changes:
         before, belief = unknown(belief), voided(belief, change)
         assert before <= unknown(belief)
-        assert not (unknown(belief) - before - VOIDS[change] - {"holding", "held"})
+        assert not (unknown(belief) - before - VOIDS[change] - {"holding", "grasped_part"})
 
 
 def test_an_opening_gripper_that_is_believed_empty_stays_empty():
@@ -114,7 +114,7 @@ def test_each_fact_says_how_and_when_it_was_learnt():
     assert beliefs.now.empty_unproven, "nobody has seen it open yet"
     now[0] = 12.0
     beliefs.learn(BeliefSource.REPORTED, position=READING)
-    beliefs.learn(BeliefSource.COMMANDED, closed=False, load=LOAD, tool=np.eye(4))
+    beliefs.learn(BeliefSource.COMMANDED, closed=False, held_shape=LOAD, tool=np.eye(4))
     beliefs.learn(BeliefSource.OBSERVED, holding=True)
     told = beliefs.now.json(15.5)
     assert told["position"] == {"value": [0.0, 0.0, 0.0], "how": "reported by the controller", "age_s": 3.5}
@@ -138,11 +138,11 @@ def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_mean
     beliefs = Beliefs(lambda: 0.0, lambda *_, **__: None)
     beliefs.learn(BeliefSource.REPORTED, position=READING)
     beliefs.void(VoidingEvent.MOVE_BEGUN)()
-    assert beliefs.now.at is READING
+    assert beliefs.now.resting_reading is READING
     undo = beliefs.void(VoidingEvent.MOVE_BEGUN)
     beliefs.void(VoidingEvent.STOPPED)
     undo()
-    assert beliefs.now.at is None
+    assert beliefs.now.resting_reading is None
 
 
 # Who voids it.
@@ -150,13 +150,16 @@ def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_mean
 
 def mover_in(world: World) -> Mover:
     mover = permitted(Mover(build(world), Limits(), Arrival()))
-    asyncio.run(mover.rest())
-    mover.beliefs.learn(BeliefSource.COMMANDED, tool=np.eye(4), closed=True, holding=True, held=HELD, load=LOAD)
+    asyncio.run(mover.wait_until_at_rest())
+    mover.beliefs.learn(
+        BeliefSource.COMMANDED, tool=np.eye(4), closed=True, holding=True, grasped_part=HELD, held_shape=LOAD
+    )
     return mover
 
 
 @pytest.mark.parametrize(
-    ("closes", "lost"), [(True, {"closed", "holding", "held", "load"}), (False, {"closed", "holding", "held"})]
+    ("closes", "lost"),
+    [(True, {"closed", "holding", "grasped_part", "held_shape"}), (False, {"closed", "holding", "grasped_part"})],
 )
 def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(closes, lost):
     world = World(np.random.default_rng(0))
@@ -170,14 +173,14 @@ def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(
 
     world.before = fail
     with pytest.raises(OSError, match="no answer"):
-        asyncio.run(mover.hand(closes))
+        asyncio.run(mover.set_gripper(closes))
     assert during == [lost]
     assert unknown(mover.belief) - planned == lost
 
 
 def test_a_gripper_that_facetd_opened_is_open_and_empty_by_its_own_act():
     mover = mover_in(World(np.random.default_rng(0)))
-    asyncio.run(mover.hand(closed=False))
+    asyncio.run(mover.set_gripper(closed=False))
     assert mover.belief.is_open
     assert (mover.belief.holds_part, mover.belief.empty_unproven, mover.belief.capsules) == (False, False, ())
 
@@ -185,7 +188,7 @@ def test_a_gripper_that_facetd_opened_is_open_and_empty_by_its_own_act():
 def test_a_gripper_that_was_held_back_is_tried_again_and_unknown_as_long_as_it_may_work():
     world = World(np.random.default_rng(0))
     mover, tries = mover_in(world), []
-    honest = mover.cell.robot.hand
+    honest = mover.cell.robot.set_gripper
 
     async def once_held_back(closed: bool) -> None:
         tries.append(unknown(mover.belief))
@@ -196,14 +199,14 @@ def test_a_gripper_that_was_held_back_is_tried_again_and_unknown_as_long_as_it_m
 
     seen = []
     record = world.record
-    mover.cell.robot.hand = once_held_back
+    mover.cell.robot.set_gripper = once_held_back
 
     def recorded(kind: str, /, **fields: object) -> None:
         seen.append((kind, mover.belief.holds_part))
         record(kind, **fields)
 
     mover.cell.log.record = recorded
-    asyncio.run(mover.hand(closed=True))
+    asyncio.run(mover.set_gripper(closed=True))
     assert seen == [("hand", None), ("held_back", None), ("hand", None)]
     assert mover.belief.closed.value is True
 
@@ -225,12 +228,12 @@ def supervised() -> Supervisor:
     supervisor.mover.beliefs.learn(
         BeliefSource.COMMANDED,
         position=READING,
-        turned=READING,
+        last_joint_move_end=READING,
         tool=np.eye(4),
         closed=False,
         holding=True,
-        held=HELD,
-        load=LOAD,
+        grasped_part=HELD,
+        held_shape=LOAD,
     )
     return supervisor
 
@@ -260,7 +263,7 @@ async def cleared(supervisor: Supervisor) -> None:
 def test_what_the_supervisor_hears_of_voids_all_that_the_controller_may_have_otherwise_now(event):
     supervisor = supervised()
     asyncio.run(event(supervisor))
-    assert unknown(supervisor.mover.belief) == CONTROLLER | ({"turned"} if event is reconnected else set())
+    assert unknown(supervisor.mover.belief) == CONTROLLER | ({"last_joint_move_end"} if event is reconnected else set())
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_a_turned_fixture_is_as_far_as_an_upright_box_seen_from_its_own_frame(
 
 def test_the_mover_lets_only_the_part_down_and_only_on_that_move() -> None:
     mover = permitted(Mover(build(World(np.random.default_rng(0))), LIMITS, Arrival()))
-    mover.beliefs.learn("commanded", load=carried_part(CUBE, "cube"))  # type: ignore[arg-type]
+    mover.beliefs.learn("commanded", held_shape=carried_part(CUBE, "cube"))  # type: ignore[arg-type]
     down = MoveCommand(pose(-279.5), True, 10.0, "down", contact=SupportContact(-300.0))
     levels = [c.level_mm for c in mover._bounds(down).capsules if isinstance(c, CarriedCapsule)]
     assert set(levels) == {-300.0}

@@ -106,7 +106,7 @@ class GuardedMotion(RuleBasedStateMachine):
         self.look_s = 0.0
         self.judged = 0
         self.wrong: list[str] = []
-        self.loop.run_until_complete(self.mover.rest())
+        self.loop.run_until_complete(self.mover.wait_until_at_rest())
 
     @rule(on=st.sampled_from([True, True, True, False]))
     def enable(self, on):
@@ -130,7 +130,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule()
     def ask_where(self):
-        self.loop.run_until_complete(self.mover.rest())
+        self.loop.run_until_complete(self.mover.wait_until_at_rest())
 
     @rule(
         xyz=st.tuples(st.floats(-300, 1200), st.floats(-900, 900), st.floats(-420, 1400)),
@@ -143,9 +143,10 @@ class GuardedMotion(RuleBasedStateMachine):
     )
     def go(self, xyz, tilt, heading, speed, from_look, near, bent):
         pose = frames.rigid(tool_rotation(np.array([np.cos(heading), np.sin(heading), 0.0]), tilt), np.array(xyz))
-        if near and self.mover.belief.at is not None:
+        if near and self.mover.belief.resting_reading is not None:
             pose = frames.perturb(
-                self.mover.belief.at.world_from_tool, np.array([*(v / 3 for v in xyz), 0.0, 0.0, tilt / 10])
+                self.mover.belief.resting_reading.world_from_tool,
+                np.array([*(v / 3 for v in xyz), 0.0, 0.0, tilt / 10]),
             )
         if bent:
             pose = pose.copy()
@@ -153,7 +154,7 @@ class GuardedMotion(RuleBasedStateMachine):
         self.go_to(pose, speed, from_look)
 
     def go_to(self, pose, speed, from_look):
-        before = self.mover.belief.at
+        before = self.mover.belief.resting_reading
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
         state = (self.mover.permission.enabled, self.mover.permission.blocked, self.world.now_s)
         try:
@@ -165,24 +166,26 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(height=st.floats(0.5, 40.0))
     def dip(self, height):
-        if self.mover.belief.at is not None:
-            pose = self.mover.belief.at.world_from_tool.copy()
+        if self.mover.belief.resting_reading is not None:
+            pose = self.mover.belief.resting_reading.world_from_tool.copy()
             pose[2, 3] = -300.0 + height
             self.go_to(pose, 50.0, False)
 
     @rule(beyond=st.floats(0.5, 40.0))
     def stray(self, beyond):
         """Out of the box by its side, as far as a step goes."""
-        if self.mover.belief.at is not None:
-            pose = self.mover.belief.at.world_from_tool.copy()
+        if self.mover.belief.resting_reading is not None:
+            pose = self.mover.belief.resting_reading.world_from_tool.copy()
             pose[1, 3] = min(pose[1, 3] + 440.0, 650.0 + beyond)
             self.go_to(pose, 50.0, False)
 
     @rule(xyz=st.tuples(*[st.floats(-250, 250)] * 3), turn=st.floats(-2.5, 2.5), from_look=st.booleans())
     def go_on(self, xyz, turn, from_look):
-        if self.mover.belief.at is not None:
+        if self.mover.belief.resting_reading is not None:
             self.go_to(
-                frames.perturb(self.mover.belief.at.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])), 50.0, from_look
+                frames.perturb(self.mover.belief.resting_reading.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])),
+                50.0,
+                from_look,
             )
 
     @rule(
@@ -195,14 +198,14 @@ class GuardedMotion(RuleBasedStateMachine):
     def stir(self, mm, turn, speed, from_look, waited_s):
         """Hardly from its place, so that nothing but the one rule that is broken is in its way."""
         self.world.now_s += waited_s
-        if self.mover.belief.at is not None:
-            here = self.mover.belief.at.world_from_tool
+        if self.mover.belief.resting_reading is not None:
+            here = self.mover.belief.resting_reading.world_from_tool
             self.go_to(frames.perturb(here, np.array([mm, 0.0, 0.0, 0.0, 0.0, turn])), speed, from_look)
 
     @rule(mm=st.sampled_from([-480.0, -440.0, 440.0, 480.0]))
     def go_aside(self, mm):
-        if self.mover.belief.at is not None:
-            pose = self.mover.belief.at.world_from_tool.copy()
+        if self.mover.belief.resting_reading is not None:
+            pose = self.mover.belief.resting_reading.world_from_tool.copy()
             pose[1, 3] += mm
             self.go_to(pose, 50.0, False)
 
@@ -211,7 +214,7 @@ class GuardedMotion(RuleBasedStateMachine):
         may = self.mover.permission.enabled and not self.mover.permission.blocked
         sent = len(self.world.wire)
         try:
-            self.loop.run_until_complete(self.mover.hand(closed))
+            self.loop.run_until_complete(self.mover.set_gripper(closed))
         except MoveRefusedError:
             assert not may
         if not may and len(self.world.wire) != sent:

@@ -120,14 +120,14 @@ def test_a_move_has_expired_only_where_nobody_answered_in_time_and_nobody_took_i
 def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:
     hold = PauseAndStep(MotionPermission(), lambda _: None)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold._permission.held
+    assert not hold._permission.must_wait
     for said in (hold.pause, lambda: hold.step(True)):
         said()
-        assert hold._permission.held
+        assert hold._permission.must_wait
     hold.end_pause()
     hold.step(False)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold._permission.held
+    assert not hold._permission.must_wait
 
 
 def test_a_yes_counts_while_the_look_is_valid_and_nobodys_silence_is_none() -> None:

@@ -87,7 +87,7 @@ CARRIED = Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0)
 
 def mover_in(world: World, gate=None, **limits) -> Mover:
     mover = permitted(Mover(build(world), Limits(**limits), Arrival(), *([gate] if gate else [])))
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     return mover
 
 
@@ -142,10 +142,10 @@ def test_a_move_that_is_refused_before_is_not_held_back_first():
 def test_while_the_arm_may_move_nobody_knows_where_it_is_and_after_a_failure_neither():
     world = World(np.random.default_rng(0))
     mover, known = mover_in(world), []
-    world.before = lambda name: known.append((name, mover.belief.at))
+    world.before = lambda name: known.append((name, mover.belief.resting_reading))
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert known == [("move", None), ("moving", None), ("moved", None)]
-    assert mover.belief.at is not None
+    assert mover.belief.resting_reading is not None
 
     def fail(name: str) -> None:
         if name == "moving":
@@ -161,7 +161,7 @@ def test_while_the_arm_may_move_nobody_knows_where_it_is_and_after_a_failure_nei
 def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    asyncio.run(mover.hand(closed=False))
+    asyncio.run(mover.set_gripper(closed=False))
     assert mover.belief.is_open
 
     def fail(name: str) -> None:
@@ -170,7 +170,7 @@ def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
 
     world.before = fail
     with pytest.raises(OSError, match="no answer"):
-        asyncio.run(mover.hand(closed=True))
+        asyncio.run(mover.set_gripper(closed=True))
     assert mover.belief.closed is None
 
 
@@ -248,7 +248,7 @@ def test_an_arm_that_its_pendant_moved_between_two_moves_is_not_sent_on(joint):
     assert not world.wire
     assert world.said("refusal")[-1]["rule"] == "moved_by_others"
     assert [record["kind"] for record in world.records][-3:] == ["move", "refusal", "held_back"]
-    assert mover.belief.at is None
+    assert mover.belief.resting_reading is None
 
 
 @pytest.mark.parametrize("why", ["dry", "unknown"])
@@ -256,7 +256,7 @@ def test_whether_the_arm_is_still_there_is_asked_only_of_one_that_came_to_rest_a
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     if why == "dry":
-        asyncio.run(mover.rest())
+        asyncio.run(mover.wait_until_at_rest())
         mover.dry = True
     else:
         mover.beliefs.void(VoidingEvent.STOPPED)
@@ -289,11 +289,11 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     farther = frames.perturb(NEAR, np.array([30.0, 0, 0, 0, 0, 0]))
     for pose in (NEAR, farther):
         asyncio.run(mover.go(command(pose, False, 50.0)))
-    np.testing.assert_allclose(mover.here.world_from_tool, farther)
-    there = mover.cell.robot.kinematics.reachable(farther, mover.belief.at.joints_rad)
-    np.testing.assert_allclose(mover.here.joints_rad, there)
-    assert np.abs(there - mover.belief.at.joints_rad).max() > 0.01, "or it shows nothing"
-    asyncio.run(mover.hand(closed=True))
+    np.testing.assert_allclose(mover.next_start.world_from_tool, farther)
+    there = mover.cell.robot.kinematics.reachable(farther, mover.belief.resting_reading.joints_rad)
+    np.testing.assert_allclose(mover.next_start.joints_rad, there)
+    assert np.abs(there - mover.belief.resting_reading.joints_rad).max() > 0.01, "or it shows nothing"
+    asyncio.run(mover.set_gripper(closed=True))
     assert not asked
     assert not world.wire
     assert [record["sent"] for kind in ("move", "hand") for record in world.said(kind)] == [False] * 3
@@ -314,7 +314,7 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
 
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     mover.cell.robot.move = flipped
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     with pytest.raises(NotAtTargetError, match="FLIP, LEFTY or BELOW"):
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
@@ -335,12 +335,12 @@ def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(v
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
-    over = puma560.inverse(NEAR, puma560.Configuration(flip=True), ARM, mover.belief.at.joints_rad)
+    over = puma560.inverse(NEAR, puma560.Configuration(flip=True), ARM, mover.belief.resting_reading.joints_rad)
     honest, joints = mover.cell.robot._joints, {"over": True}
     mover.cell.robot._joints = lambda pose: over if joints["over"] else honest(pose)
     if void is not None:
         mover.beliefs.void(void)
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     mover.check(command(HEAD_DOWN, True, 50.0))
     if void is VoidingEvent.TURN_TYPED:
         mover.check(command(NEAR, False, 50.0))
@@ -348,7 +348,7 @@ def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(v
         with pytest.raises(MoveRefusedError, match="turned_over"):
             mover.check(command(NEAR, False, 50.0))
     joints["over"] = False
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     mover.check(command(NEAR, False, 50.0))
 
 
@@ -380,22 +380,22 @@ def test_a_hand_is_told_closed_before_it_closes_and_open_once_it_has_opened(clos
 
     world.before = fail
     with pytest.raises(OSError, match="cable"):
-        asyncio.run(mover.hand(closed))
+        asyncio.run(mover.set_gripper(closed))
     assert [record["closed"] for record in world.said("hand")] == told
     world.before = lambda name: None
-    asyncio.run(mover.hand(closed))
+    asyncio.run(mover.set_gripper(closed))
     assert [record["closed"] for record in world.said("hand")] == [*told, closed]
 
 
 def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    asyncio.run(mover.hand(closed=True))
+    asyncio.run(mover.set_gripper(closed=True))
     assert [record["sent"] for record in world.said("hand")] == [True]
-    mover.beliefs.learn(BeliefSource.COMMANDED, load=(CARRIED,))
+    mover.beliefs.learn(BeliefSource.COMMANDED, held_shape=(CARRIED,))
     asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "a test", look_taken_s=world.clock())))
     assert CARRIED in mover.bounds.capsules
-    asyncio.run(mover.hand(closed=False))
+    asyncio.run(mover.set_gripper(closed=False))
     assert CARRIED not in mover.bounds.capsules
 
 
@@ -422,7 +422,7 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
     with pytest.raises(
         MoveRefusedError, match="the arm is not enabled" if rule == "not_enabled" else "stopped"
     ) as told:
-        asyncio.run(mover.hand(closed=True))
+        asyncio.run(mover.set_gripper(closed=True))
     assert told.value.refusal.rule == rule
     assert not world.wire
 
@@ -437,7 +437,7 @@ def test_what_came_while_the_hand_was_held_back_keeps_it_as_it_is(meanwhile, rul
 
     mover = mover_in(world, held)
     with pytest.raises(MoveRefusedError) as refused:
-        asyncio.run(mover.hand(closed=False))
+        asyncio.run(mover.set_gripper(closed=False))
     assert refused.value.refusal.rule == rule
     assert not world.wire
 
@@ -452,22 +452,23 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
         await seen()
 
     mover = mover_in(world, held)
-    asyncio.run(mover.rest())
+    asyncio.run(mover.wait_until_at_rest())
     if off_mm:
         with pytest.raises(NotAtTargetError, match="somebody else moved the arm"):
-            asyncio.run(mover.hand(closed=False))
+            asyncio.run(mover.set_gripper(closed=False))
     else:
-        asyncio.run(mover.hand(closed=False))
+        asyncio.run(mover.set_gripper(closed=False))
     assert world.wire == ([] if off_mm else [("hand", False)])
 
 
 @pytest.mark.parametrize("what", ["move", "hand"])
 def test_what_is_held_back_as_it_is_typed_is_told_to_be_before_it_is_told_again(what):
     """Two moves stood in the log, and one arrival: nobody could tell whether the first had left."""
+    method = {"move": "move", "hand": "set_gripper"}[what]
     world, times = World(np.random.default_rng(0)), []
     mover = mover_in(world)
-    asyncio.run(mover.rest())
-    sent = getattr(mover.cell.robot, what)
+    asyncio.run(mover.wait_until_at_rest())
+    sent = getattr(mover.cell.robot, method)
 
     async def once_held_back(*args, **kwargs):
         times.append(what)
@@ -475,8 +476,8 @@ def test_what_is_held_back_as_it_is_typed_is_told_to_be_before_it_is_told_again(
             raise HeldBackError("somebody said pause")
         return await sent(*args, **kwargs)
 
-    setattr(mover.cell.robot, what, once_held_back)
-    asyncio.run(mover.go(command(NEAR, True, 20.0)) if what == "move" else mover.hand(closed=True))
+    setattr(mover.cell.robot, method, once_held_back)
+    asyncio.run(mover.go(command(NEAR, True, 20.0)) if what == "move" else mover.set_gripper(closed=True))
     told = [(kind, fields.get("what")) for fields in world.records for kind in [fields["kind"]]]
     assert told == [(what, None), ("held_back", what), (what, None), *([("moved", None)] * (what == "move"))]
 
@@ -485,7 +486,7 @@ def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may
     world = World(np.random.default_rng(0))
     mover = permitted(Mover(build(world), Limits(), Arrival(within_mm=0.0, within_deg=0.0)))
 
-    here = asyncio.run(mover.rest())
+    here = asyncio.run(mover.wait_until_at_rest())
 
     async def exactly(world_from_tool, **_):
         return Reading(world_from_tool, here.joints_rad)
@@ -520,20 +521,20 @@ def test_a_way_usually_takes_half_of_what_it_is_waited_for_and_more_at_less_spee
 def test_an_arm_that_does_not_come_to_rest_is_nowhere_known():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    assert asyncio.run(mover.rest()) is mover.belief.at
+    assert asyncio.run(mover.wait_until_at_rest()) is mover.belief.resting_reading
 
     async def moves_on():
         raise OSError("not at rest")
 
-    mover.cell.robot.rest = moves_on
+    mover.cell.robot.wait_until_at_rest = moves_on
     with pytest.raises(OSError, match="not at rest"):
-        asyncio.run(mover.rest())
-    assert mover.here is None
+        asyncio.run(mover.wait_until_at_rest())
+    assert mover.next_start is None
 
 
 def test_a_move_gives_where_the_arm_is_then():
     mover = mover_in(World(np.random.default_rng(0)))
-    assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.belief.at
+    assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.belief.resting_reading
 
 
 def test_who_must_come_out_again_asks_for_the_whole_way_before_he_goes_in():
@@ -563,9 +564,9 @@ def test_a_way_through_several_places_is_checked_from_each_to_the_next():
 
 def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_speed():
     mover = mover_in(World(np.random.default_rng(0)), max_speed_pct=40.0)
-    joints = mover.cell.robot.kinematics.reachable(NEAR, mover.here.joints_rad)
+    joints = mover.cell.robot.kinematics.reachable(NEAR, mover.next_start.joints_rad)
     for asked_pct, pct in ((20.0, 20.0), (90.0, 40.0)):
-        assert mover.reach.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.here, NEAR, joints, pct) > 0.0
+        assert mover.reach.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.next_start, NEAR, joints, pct) > 0.0
 
 
 @pytest.mark.parametrize("wrist_deg", [0.0, 200.0, -250.0])

@@ -7,7 +7,7 @@ from daemon.arm.permission import Grant, MotionPermission
 
 def granted(what: Grant = Grant.ALL) -> MotionPermission:
     permission = MotionPermission()
-    permission.stop_seen = 3
+    permission.stop_tests = 3
     permission.grant(what)
     return permission
 
@@ -15,16 +15,16 @@ def granted(what: Grant = Grant.ALL) -> MotionPermission:
 def test_nothing_is_permitted_before_an_operator_grants_it():
     permission = MotionPermission()
     assert permission.withheld
-    assert (permission.granted, permission.enabled, permission.by_hand_only) == (False, False, False)
+    assert (permission.granted, permission.enabled, permission.typed_lines_only) == (False, False, False)
 
 
 @pytest.mark.parametrize(
     ("what", "enabled", "by_hand"),
-    [(Grant.ALL, True, False), (Grant.BY_HAND, False, True), (Grant.NOTHING, False, False)],
+    [(Grant.ALL, True, False), (Grant.TYPED_LINES, False, True), (Grant.NOTHING, False, False)],
 )
 def test_what_was_granted_is_what_may_move(what, enabled, by_hand):
     permission = granted(what)
-    assert (permission.enabled, permission.by_hand_only, permission.withheld) == (
+    assert (permission.enabled, permission.typed_lines_only, permission.withheld) == (
         enabled,
         by_hand,
         what is Grant.NOTHING,
@@ -39,11 +39,11 @@ def test_what_was_granted_with_no_stop_seen_to_work_permits_nothing():
 
 
 def lose_the_stop(permission: MotionPermission) -> None:
-    permission.stop_seen = 0
+    permission.stop_tests = 0
 
 
 def see_another_stop(permission: MotionPermission) -> None:
-    permission.stop_seen = 4
+    permission.stop_tests = 4
 
 
 def fault(permission: MotionPermission) -> None:
@@ -55,7 +55,7 @@ def fault(permission: MotionPermission) -> None:
     [
         MotionPermission.withdraw,
         MotionPermission.stop_begins,
-        MotionPermission.hold,
+        MotionPermission.require_wait,
         lose_the_stop,
         see_another_stop,
         fault,
@@ -85,11 +85,11 @@ def test_of_two_stops_both_must_have_ended():
 
 def test_a_hold_is_over_with_the_next_move_that_is_released():
     permission = granted()
-    permission.hold()
-    permission.hold()
-    assert permission.held
+    permission.require_wait()
+    permission.require_wait()
+    assert permission.must_wait
     permission.release()
-    assert not permission.held
+    assert not permission.must_wait
 
 
 @pytest.mark.parametrize("typed", [False, True])
@@ -109,7 +109,7 @@ def test_a_fault_is_what_hinders_first(typed):
     ("what", "commanded", "typed"),
     [
         (Grant.ALL, None, None),
-        (Grant.BY_HAND, "calibrate hand-eye first", None),
+        (Grant.TYPED_LINES, "calibrate hand-eye first", None),
         (Grant.NOTHING, "`enable` first", "`enable` first"),
     ],
 )

@@ -151,9 +151,9 @@ class Jumping:
         self.at, self.sent = at, []
         self.kinematics, self.beliefs = ROBOT, Beliefs(lambda: 0.0, Log().record)
         self.permission = MotionPermission()
-        self.permission.stop_seen = 1
+        self.permission.stop_tests = 1
 
-    async def rest(self):
+    async def wait_until_at_rest(self):
         return self.at
 
     async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):

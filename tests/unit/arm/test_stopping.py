@@ -23,7 +23,7 @@ class Arm:
         self.permission = MotionPermission()
         self._last: Exception | None = None
 
-    async def abort(self) -> None:
+    async def stop_motion(self) -> None:
         self.told += 1
         self._last = next(self.answers, self._last)
         if self._last is not None:

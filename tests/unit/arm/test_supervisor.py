@@ -40,7 +40,7 @@ def supervised(enabled: bool = True) -> tuple[World, Supervisor, Heard]:
 
 async def travelling(supervisor: Supervisor) -> None:
     """Back and forth until somebody stops it."""
-    await supervisor.mover.rest()
+    await supervisor.mover.wait_until_at_rest()
     for _ in range(100):
         for pose in (NEAR, HEAD_DOWN):
             await supervisor.mover.travel(pose, "to and fro", lambda _: 50.0)
@@ -90,11 +90,13 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
 def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_stop(act, fault, what):
     world, supervisor, _ = supervised()
     standing = []
-    lived(supervisor.mover.rest())
+    lived(supervisor.mover.wait_until_at_rest())
 
     def hook(name: str) -> None:
         if name == "abort":
-            standing.append((supervisor.permission.fault, supervisor.mover.belief.at, len(world.said("fault"))))
+            standing.append(
+                (supervisor.permission.fault, supervisor.mover.belief.resting_reading, len(world.said("fault")))
+            )
 
     world.before = hook
     lived(act(supervisor))
@@ -122,7 +124,7 @@ def test_an_arm_that_is_being_stopped_is_told_no_further_move():
         for _ in range(20):
             await asyncio.sleep(0)
 
-    supervisor.mover.cell.robot.abort = slow_abort
+    supervisor.mover.cell.robot.stop_motion = slow_abort
     lived(interrupted(world, supervisor, supervisor.stop))
     names = [name for name, _ in world.wire]
     assert names[names.index("abort") :] == ["abort"]
@@ -420,7 +422,7 @@ def test_what_an_operator_tells_the_controller_himself_is_refused_where_the_arm_
     supervisor.dry(way == "dry")
     supervisor.hold.step(True)
     with pytest.raises(RefusedError):
-        lived(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
+        lived(asyncio.wait_for(supervisor.run_typed_line("CAL", lambda: endless(world)), 1.0))
     assert world.wire == []
 
 
@@ -429,7 +431,7 @@ def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_i
     world, supervisor, _ = supervised()
 
     async def story() -> None:
-        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        task = asyncio.create_task(supervisor.run_typed_line("CAL", lambda: endless(world)))
         while not world.wire:
             await asyncio.sleep(0)
         assert supervisor.status()["doing"] == "CAL"
@@ -448,13 +450,13 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
     async def story() -> None:
         supervisor.hold.pause()
         supervisor.hold.step(True)
-        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        task = asyncio.create_task(supervisor.run_typed_line("CAL", lambda: endless(world)))
         await asyncio.sleep(0.01)
         supervisor.resume()
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
-        supervisor.mover.cell.robot.permission.stop_seen = 0  # the line was opened anew
+        supervisor.mover.cell.robot.permission.stop_tests = 0  # the line was opened anew
         supervisor.hold.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
@@ -470,7 +472,7 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
         raise OSError("*Envelope error*")
 
     with pytest.raises(OSError, match="Envelope"):
-        lived(supervisor.by_hand("CAL", broken))
+        lived(supervisor.run_typed_line("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
     assert "Envelope" in str(supervisor.permission.fault)
 
@@ -481,18 +483,18 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
     mover = supervisor.mover
 
     async def story() -> None:
-        await mover.rest()
-        await mover.hand(closed=False)
-        assert (mover.belief.at is None, mover.belief.is_open) == (False, True)
+        await mover.wait_until_at_rest()
+        await mover.set_gripper(closed=False)
+        assert (mover.belief.resting_reading is None, mover.belief.is_open) == (False, True)
         if way == "stop":
             await supervisor.stop()
         elif way == "conversation":
             await supervisor.converse("monitor", lambda: asyncio.sleep(0), moves=False)
         else:
-            await supervisor.by_hand("DO READY", lambda: asyncio.sleep(0))
+            await supervisor.run_typed_line("DO READY", lambda: asyncio.sleep(0))
 
     lived(story())
-    assert (mover.belief.at, mover.here, mover.belief.closed) == (None, None, None)
+    assert (mover.belief.resting_reading, mover.next_start, mover.belief.closed) == (None, None, None)
 
 
 @pytest.mark.parametrize("way", ["pause", "step"])
@@ -503,7 +505,7 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
     mover = supervisor.mover
 
     async def story() -> None:
-        await mover.rest()
+        await mover.wait_until_at_rest()
         supervisor.hold.step(way == "step")
         if way == "pause":
             supervisor.hold.pause()
@@ -528,9 +530,9 @@ def test_a_pause_said_while_it_is_asked_where_the_arm_is_after_a_wait_holds_what
     mover = supervisor.mover
 
     async def story() -> None:
-        await mover.rest()
+        await mover.wait_until_at_rest()
         supervisor.hold.pause()
-        what = mover.go(MoveCommand(NEAR, False, 50.0, "a test")) if work == "move" else mover.hand(closed=True)
+        what = mover.go(MoveCommand(NEAR, False, 50.0, "a test")) if work == "move" else mover.set_gripper(closed=True)
         task = asyncio.create_task(supervisor.run("go", what))
         await asyncio.sleep(0.01)
         world.before = lambda name: supervisor.hold.pause() if name == "where" else None
@@ -578,10 +580,10 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
         world.wire.append(("abort", None))
         await answered.wait()
 
-    supervisor.mover.cell.robot.abort = slow_abort
+    supervisor.mover.cell.robot.stop_motion = slow_abort
 
     async def story() -> None:
-        job = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world))) if busy else None
+        job = asyncio.create_task(supervisor.run_typed_line("CAL", lambda: endless(world))) if busy else None
         await asyncio.sleep(0.01)
         stopping = asyncio.create_task(supervisor.stop("by ann"))
         await asyncio.sleep(0.01)
@@ -621,7 +623,7 @@ def test_an_enable_that_races_a_disable_ends_disabled():
         for _ in range(20):
             await asyncio.sleep(0)
 
-    supervisor.mover.cell.robot.abort = slow_abort
+    supervisor.mover.cell.robot.stop_motion = slow_abort
     lived(interrupted(world, supervisor, race))
     assert refused
     assert not supervisor.permission.enabled
@@ -733,25 +735,25 @@ def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_h
 def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
     world, supervisor, _ = supervised()
     answered = asyncio.Event()
-    supervisor.mover.cell.robot.abort = answered.wait
+    supervisor.mover.cell.robot.stop_motion = answered.wait
 
     async def story() -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         stopping = asyncio.create_task(supervisor.abort())
         await asyncio.sleep(0.01)
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         with pytest.raises(MoveRefusedError, match="being stopped"):
             await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         with pytest.raises(MoveRefusedError, match="being stopped"):
-            await supervisor.mover.hand(closed=True)
+            await supervisor.mover.set_gripper(closed=True)
         with pytest.raises(RefusedError, match="being stopped"):
-            await supervisor.by_hand("CAL", lambda: endless(world))
+            await supervisor.run_typed_line("CAL", lambda: endless(world))
         with pytest.raises(RefusedError, match="busy: being stopped"):
             await supervisor.run("travel", travelling(supervisor))
         answered.set()
         assert await stopping is None
         assert supervisor.permission.fault is None
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
 
     lived(story())
@@ -792,20 +794,20 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
 def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
     world, supervisor, _ = supervised(enabled=False)
     robot = supervisor.mover.cell.robot
-    robot.permission.stop_seen = 0
+    robot.permission.stop_tests = 0
 
     async def story() -> None:
         with pytest.raises(RefusedError, match="the stop was not tested"):
             supervisor.enable()
-        await supervisor.prove_stop()
+        await supervisor.test_stop()
         supervisor.enable()
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
-        robot.permission.stop_seen = 0  # as after the line was opened anew
+        robot.permission.stop_tests = 0  # as after the line was opened anew
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(MoveCommand(HEAD_DOWN, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="`enable`"):
-            await supervisor.by_hand("CAL", lambda: endless(world))
+            await supervisor.run_typed_line("CAL", lambda: endless(world))
 
     lived(story())
     assert [name for name, _ in world.wire] == ["move"]
@@ -815,10 +817,10 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
     _, supervisor, _ = supervised()
 
     async def story() -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         asked = supervisor.stops
         supervisor.line_opened_anew()
-        assert (supervisor.permission.enabled, supervisor.mover.belief.at) == (False, None)
+        assert (supervisor.permission.enabled, supervisor.mover.belief.resting_reading) == (False, None)
         with pytest.raises(RefusedError, match="type `enable` again"):
             supervisor.enable(asked)
         await supervisor.stop()
@@ -831,10 +833,10 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
 def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
     world, supervisor, _ = supervised()
     robot = supervisor.mover.cell.robot
-    robot.permission.stop_seen = 0  # the controller was switched off and on
+    robot.permission.stop_tests = 0  # the controller was switched off and on
 
     def hook(_: str) -> None:
-        robot.permission.stop_seen = 2
+        robot.permission.stop_tests = 2
 
     world.before = hook
     lived(supervisor.stop())
@@ -844,15 +846,15 @@ def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
 
 def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
     world, supervisor, _ = supervised(enabled=False)
-    supervisor.enable(grant=Grant.BY_HAND)
+    supervisor.enable(grant=Grant.TYPED_LINES)
 
     async def story() -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="no hand_eye"):
             supervisor.refuse_unless_permitted()
-        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        task = asyncio.create_task(supervisor.run_typed_line("CAL", lambda: endless(world)))
         await until_so(lambda: world.wire)
         await supervisor.disable()
         with pytest.raises(RefusedError):
@@ -860,14 +862,14 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
 
     lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
-    assert not supervisor.permission.by_hand_only
+    assert not supervisor.permission.typed_lines_only
 
 
 def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
     world, supervisor, _ = supervised()
 
     async def story() -> None:
-        task = asyncio.create_task(supervisor.by_hand("DO READY", lambda: endless(world), ask=True))
+        task = asyncio.create_task(supervisor.run_typed_line("DO READY", lambda: endless(world), ask=True))
         await until_so(lambda: supervisor.status()["pending"] == "DO READY")
         supervisor.hold.step(False)  # moves no longer wait: this is none of them
         await asyncio.sleep(0.01)
@@ -942,7 +944,7 @@ def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
     async def slow_abort() -> None:
         await asyncio.sleep(0.05)
 
-    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.abort = at_rest, slow_abort
+    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.stop_motion = at_rest, slow_abort
 
     async def story() -> None:
         task = asyncio.create_task(supervisor.run("travel", endless(world)))
@@ -996,7 +998,7 @@ def test_what_begins_while_the_arm_is_asked_whether_it_rests_counts_against_it(b
     async def slow_abort() -> None:
         await asyncio.sleep(0.05)
 
-    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.abort = at_rest, slow_abort
+    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.stop_motion = at_rest, slow_abort
 
     async def story() -> None:
         assert not await supervisor.at_rest()
@@ -1045,17 +1047,17 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
     world, supervisor, heard = supervised(enabled=False)
     robot, tried = supervisor.mover.cell.robot, []
 
-    async def prove_stop() -> None:
+    async def test_stop() -> None:
         tried.append(True)
         raise StopRefusedError("the controller does not take the word HALT")
 
-    robot.permission.stop_seen, robot.prove_stop = 0, prove_stop
+    robot.permission.stop_tests, robot.test_stop = 0, test_stop
 
     async def story() -> None:
         with pytest.raises(StopRefusedError, match="HALT"):
-            await supervisor.prove_stop()
-        robot.permission.stop_seen = 2
-        await supervisor.prove_stop()
+            await supervisor.test_stop()
+        robot.permission.stop_tests = 2
+        await supervisor.test_stop()
 
     lived(story())
     assert len(tried) == 1
@@ -1095,13 +1097,13 @@ def test_the_end_waits_for_rest_beyond_the_alarm(soon):
     async def story() -> None:
         await supervisor.close()
         assert supervisor.permission.stopping
-        await supervisor.rested()
+        await supervisor.wait_for_stop_end()
 
     lived(story())
     assert len(told) == 13
 
 
-@pytest.mark.parametrize("let", [Grant.ALL, Grant.BY_HAND, None])
+@pytest.mark.parametrize("let", [Grant.ALL, Grant.TYPED_LINES, None])
 def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_of_ours_has_it(let):
     """A program that an operator started at the controller goes on without any job of ours."""
     world, supervisor, _ = supervised(enabled=False)
@@ -1129,7 +1131,7 @@ def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
             await task
 
     async def travel(pose) -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         await supervisor.mover.travel(pose, "there", lambda _: 50.0)
 
     lived(story())
@@ -1172,7 +1174,7 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
         await supervisor.close()
         with pytest.raises(RefusedError, match="shutting down"):
             supervisor.enable()
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.travel(NEAR, "late", lambda _: 20.0)
         with pytest.raises(RefusedError, match="`enable`"):
@@ -1185,7 +1187,7 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
 def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
     _, supervisor, _ = supervised()
     answered = asyncio.Event()
-    supervisor.mover.cell.robot.abort = answered.wait
+    supervisor.mover.cell.robot.stop_motion = answered.wait
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.abort())
@@ -1207,7 +1209,7 @@ def test_other_limits_and_another_cell_hold_from_the_next_move_on():
     assert (supervisor.mover.cell, supervisor.mover.arrival) == (other, arrival)
 
     async def one_move() -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         await supervisor.mover.travel(NEAR, "there", lambda _: 50.0)
 
     lived(supervisor.run("travel", one_move()))
@@ -1220,12 +1222,12 @@ def test_where_the_arm_was_asked_while_a_fault_stood_it_need_not_be_any_more_aft
 
     async def story() -> None:
         await supervisor.stop()
-        await supervisor.mover.rest()
-        assert supervisor.mover.here is not None
+        await supervisor.mover.wait_until_at_rest()
+        assert supervisor.mover.next_start is not None
         supervisor.resume()
 
     lived(story())
-    assert supervisor.mover.here is None
+    assert supervisor.mover.next_start is None
 
 
 def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
@@ -1265,7 +1267,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
 
     async def story() -> None:
         await act(supervisor)
-        await supervisor.rested()
+        await supervisor.wait_for_stop_end()
 
     lived(story())
     assert supervisor.permission.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
@@ -1313,7 +1315,7 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
 
 def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
     _, supervisor, _ = supervised()
-    supervisor.mover.cell.robot.abort = asyncio.Event().wait
+    supervisor.mover.cell.robot.stop_motion = asyncio.Event().wait
 
     async def story() -> str | None:
         alarm = await supervisor.stop("by hand")
@@ -1421,7 +1423,7 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
             asked.append(supervisor.mover.cell.robot.permission.withheld)
 
     async def story() -> None:
-        await supervisor.mover.rest()
+        await supervisor.mover.wait_until_at_rest()
         supervisor.hold.pause()
         supervisor.resume()
         await supervisor.mover.go(MoveCommand(NEAR, True, 50.0, "over"))
@@ -1436,7 +1438,7 @@ def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the
     """Behind an adapter that was plugged in again there may be another arm."""
     world, supervisor, _ = supervised()
     answers = asyncio.Event()
-    supervisor.mover.cell.robot.abort = answers.wait
+    supervisor.mover.cell.robot.stop_motion = answers.wait
 
     async def story() -> None:
         alarm = await supervisor.stop("by hand")
@@ -1444,7 +1446,7 @@ def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the
         if opened_anew:
             supervisor.line_opened_anew()
         answers.set()
-        await supervisor.rested()
+        await supervisor.wait_for_stop_end()
 
     lived(story())
     (told,) = world.said("rest")

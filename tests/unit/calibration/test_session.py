@@ -240,7 +240,7 @@ def toured(monkeypatch: pytest.MonkeyPatch, poses: int, out_of_reach: int, unsee
 
     monkeypatch.setattr(session, "see_board", see)
     one = session_of(travel=travel)
-    one.supervisor.mover.here = "there"
+    one.supervisor.mover.next_start = "there"
     return asyncio.run(view_tour(one, poses, said, 40.0)), sent, "\n".join(c.args[0] for c in said.await_args_list)
 
 

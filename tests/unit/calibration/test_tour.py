@@ -62,10 +62,10 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
     async def moving() -> None:
         raise OSError("not at rest within 5 s")
 
-    supervisor.mover.cell.robot.rest = moving  # type: ignore[assignment]
+    supervisor.mover.cell.robot.wait_until_at_rest = moving  # type: ignore[assignment]
     session: Any = SimpleNamespace(
         supervisor=supervisor,
-        prepare_to_move=supervisor.mover.rest,
+        prepare_to_move=supervisor.mover.wait_until_at_rest,
         calibration=SimpleNamespace(hand_eye=np.eye(4)),
         board_in_gripper=False,
     )

@@ -93,7 +93,7 @@ def lived(story: Callable[[LinuxCNC, LinuxcncArm], Awaitable[None]], opened: boo
         try:
             if opened:
                 await arm.open()
-                await arm.prove_stop()
+                await arm.test_stop()
                 arm.permission.grant(Grant.ALL)
             await story(there, arm)
         finally:
@@ -116,7 +116,7 @@ def beside(pose: np.ndarray, mm: tuple[float, float, float]) -> np.ndarray:
 
 def test_a_block_says_all_that_it_means_in_linuxcnc_s_own_joints_and_takes_its_time() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        here = await arm.rest()
+        here = await arm.wait_until_at_rest()
         assert np.degrees(here.joints_rad) == pytest.approx(ZEROS_DEG)
         target = beside(here.world_from_tool, (20.0, 60.0, -40.0))
         there.state["feed_override"] = "120"
@@ -136,7 +136,7 @@ def test_a_block_says_all_that_it_means_in_linuxcnc_s_own_joints_and_takes_its_t
 
 def test_a_straight_move_is_as_many_blocks_as_keep_the_tool_on_its_line() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        here = await arm.rest()
+        here = await arm.wait_until_at_rest()
         target = beside(here.world_from_tool, (0.0, 90.0, 0.0))
         reading = await moved(arm, target, straight=True)
         assert frames.difference(reading.world_from_tool, target) == pytest.approx(np.zeros(6), abs=1e-3)
@@ -162,7 +162,7 @@ def test_of_what_linuxcnc_would_not_carry_out_nothing_is_sent_and_the_arm_is_no_
     wrong: dict[str, str], told: str
 ) -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        target = beside((await arm.rest()).world_from_tool, (0.0, 40.0, 0.0))
+        target = beside((await arm.wait_until_at_rest()).world_from_tool, (0.0, 40.0, 0.0))
         there.state.update(wrong)
         with pytest.raises(CellError, match=told):
             await moved(arm, target, straight=False)
@@ -175,21 +175,21 @@ def test_of_what_linuxcnc_would_not_carry_out_nothing_is_sent_and_the_arm_is_no_
 
 def test_what_is_held_or_begins_elsewhere_is_not_sent() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        target = beside((await arm.rest()).world_from_tool, (0.0, 40.0, 0.0))
+        target = beside((await arm.wait_until_at_rest()).world_from_tool, (0.0, 40.0, 0.0))
 
         def elsewhere(_: Reading) -> None:
             raise CellError("elsewhere")
 
         with pytest.raises(CellError, match="elsewhere"):
             await moved(arm, target, straight=False, starts=elsewhere)
-        arm.permission.hold()
-        for act in (moved(arm, target, straight=True), arm.hand(closed=True)):
+        arm.permission.require_wait()
+        for act in (moved(arm, target, straight=True), arm.set_gripper(closed=True)):
             with pytest.raises(HeldBackError):
                 await act
         assert there.blocks == []
         arm.permission.release()
-        await arm.hand(closed=True)
-        await arm.hand(closed=False)
+        await arm.set_gripper(closed=True)
+        await arm.set_gripper(closed=False)
         await arm.set_outputs((3, -4))
         assert there.blocks == ["M64 P0", "M65 P0", "M64 P2", "M65 P3"]
 
@@ -198,11 +198,11 @@ def test_what_is_held_or_begins_elsewhere_is_not_sent() -> None:
 
 def test_behind_a_stop_no_further_block_of_a_straight_move_is_sent() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        target = beside((await arm.rest()).world_from_tool, (0.0, 150.0, 0.0))
+        target = beside((await arm.wait_until_at_rest()).world_from_tool, (0.0, 150.0, 0.0))
         going = asyncio.ensure_future(moved(arm, target, straight=True))
         while len(there.blocks) < 3:
             await asyncio.sleep(0)
-        await arm.abort()
+        await arm.stop_motion()
         with pytest.raises(CellError, match="the move was stopped"):
             await going
         assert len(there.blocks) < 10
@@ -214,7 +214,7 @@ def test_behind_a_stop_no_further_block_of_a_straight_move_is_sent() -> None:
 
 def test_a_block_that_went_wrong_is_told_in_linuxcnc_s_words() -> None:
     async def story(there: LinuxCNC, arm: LinuxcncArm) -> None:
-        target = beside((await arm.rest()).world_from_tool, (0.0, 40.0, 0.0))
+        target = beside((await arm.wait_until_at_rest()).world_from_tool, (0.0, 40.0, 0.0))
         there.errors = ["an old one"]
         asked = there.answer
 
@@ -237,13 +237,13 @@ def test_a_stop_that_is_refused_is_told_as_such_and_nothing_may_move() -> None:
         assert arm.permission.enabled
         there.refuses = "abort"
         with pytest.raises(StopRefusedError, match="refuses 'abort'"):
-            await arm.abort()
+            await arm.stop_motion()
         assert not arm.permission.enabled
         there.state["machine"] = "OFF"
-        await arm.abort()
+        await arm.stop_motion()
         with pytest.raises(CellError, match="switch the machine on"):
-            await arm.prove_stop()
-        assert not arm.permission.stop_seen, "that proves nothing"
+            await arm.test_stop()
+        assert not arm.permission.stop_tests, "that proves nothing"
 
     lived(story)
 

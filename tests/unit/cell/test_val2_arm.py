@@ -122,7 +122,7 @@ async def calibrated(arm: Val2Arm, line: ArmLine) -> None:
 
 
 async def stopped(arm: Val2Arm, line: ArmLine) -> None:
-    await arm.abort()
+    await arm.stop_motion()
     switched_on_again(line)
 
 
@@ -201,7 +201,7 @@ def test_nobody_else_asks_the_controller_anything_during_a_cal(runner: asyncio.R
             await asyncio.sleep(0.5)
             assert arm.aside
             assert not task.done()
-            await arm.abort()
+            await arm.stop_motion()
             with pytest.raises(Exception, match="aborted"):
                 await task
             assert not arm.aside
@@ -216,7 +216,7 @@ def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 10")
             await arm.link.command("DO READY")
-            reading = await arm.rest()
+            reading = await arm.wait_until_at_rest()
             assert not moving(line)
             np.testing.assert_allclose(reading.joints_rad, READY_RAD, atol=1e-4)
 
@@ -234,8 +234,8 @@ def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
             await arm.where()
             await arm.link.command("DO READY")
             with pytest.raises(LinkError, match="not at rest within"):
-                await arm.rest()
-            await arm.abort()
+                await arm.wait_until_at_rest()
+            await arm.stop_motion()
 
     runner.run(story())
 
@@ -248,7 +248,7 @@ def test_whether_the_arm_rests_is_asked_of_the_controller_now(runner: asyncio.Ru
             await arm.link.command("DO READY")
             assert moving(line)
             assert not await arm.at_rest()
-            await arm.abort()
+            await arm.stop_motion()
             assert await arm.at_rest()
             with line.server.controller() as controller:
                 controller.mishap(Mishap.POWER_CYCLED)
@@ -264,10 +264,10 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(runner: a
     async def story() -> None:
         async with line.link(replace(QUICK, abort_word="HALT")) as link:
             arm = arm_of(link, ArmGeometry())
-            for word in (arm.prove_stop, arm.abort):
+            for word in (arm.test_stop, arm.stop_motion):
                 with pytest.raises(StopRefusedError, match=r"HALT \(it answers `\*Illegal command\*`\)"):
                     await word()
-            assert not arm.permission.stop_seen
+            assert not arm.permission.stop_tests
 
     runner.run(story())
 
@@ -379,7 +379,7 @@ def test_a_terminal_that_is_left_while_the_controller_has_no_zero_is_left_withou
             send(b"STATUS\r")
             await asyncio.sleep(1.0)
         assert await arm.check() == f"{NO_ZERO} (it says `*Not calibrated*`)", "it answers: the line stays open"
-        return arm.permission.stop_seen
+        return arm.permission.stop_tests
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         assert runner.run(story())
@@ -400,7 +400,7 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
         assert controller.question == link.question == "Load VAL-II from floppy (Y/N)?"
         assert not await arm.at_rest()
         await arm.power_up(["Y", "Y"])
-        await arm.prove_stop()
+        await arm.test_stop()
         assert await arm.at_rest()
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
@@ -443,7 +443,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
         await arm.power_up(["Y"])
         assert controller.machine.at_rest()
         assert np.allclose(controller.arm.joints_at(line.now_s()), READY_RAD)
-        assert arm.permission.stop_seen
+        assert arm.permission.stop_tests
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         runner.run(story())

@@ -115,7 +115,7 @@ def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_s
     """A part that was known to be in it stood for whatever was put there instead, however long."""
     context = standing()
     known = capsule_around(np.eye(3), "a part")
-    context.cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, load=(known,))
+    context.cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, held_shape=(known,))
     typed(context, b"DO MOVE P1\r", b"y")
     assert context.cycle.supervisor.mover.belief.capsules == (known,)
     typed(context, b"DO CLOSEI\r", b"y")
@@ -182,7 +182,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     elif meanwhile == "fault":
         supervisor.latch("stopped by bob")
     elif meanwhile == "line opened anew":
-        supervisor.mover.cell.robot.permission.stop_seen = 0
+        supervisor.mover.cell.robot.permission.stop_tests = 0
     typist.typed(b"y", sent.extend)
     assert (bytes(sent) == b"DO READY\r") is (meanwhile == "nothing")
     assert ("not sent" in frontend.said[-1]) is (meanwhile != "nothing")

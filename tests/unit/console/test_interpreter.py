@@ -373,25 +373,25 @@ def test_enable_is_refused_by_a_controller_that_does_not_take_the_word_that_stop
 
 
 def test_an_enable_is_void_where_the_arm_was_stopped_while_its_stop_was_tried(context: Any) -> None:
-    async def prove_stop() -> None:
+    async def test_stop() -> None:
         await context.cycle.stop("by bob")
 
-    context.cycle.prove_stop = prove_stop
+    context.cycle.test_stop = test_stop
     assert say(context, "enable").status == 1
     assert context.cycle.told == ["stop by bob"]
 
 
 def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(context: Any) -> None:
-    async def prove_stop() -> None:
+    async def test_stop() -> None:
         context.calibration.hand_eye = None
 
-    context.cycle.prove_stop = prove_stop
+    context.cycle.test_stop = test_stop
     answer = say(context, "enable")
     assert (answer.status, context.cycle.told) == (1, [])
     assert "without hand_eye" in answer.text
 
 
-@pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable by hand"])])
+@pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable typed lines"])])
 def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_a_yes(
     context: Any, answers: list[str], told: list[str]
 ) -> None:

@@ -37,7 +37,7 @@ class WatchedCell:
         self.line_opened_anew = Mock()
         self.camera_fails = False
         self.permission = MotionPermission()
-        self.permission.stop_seen = 1
+        self.permission.stop_tests = 1
         self.permission.grant(Grant.ALL)
         self.notes: list[str] = []
         health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)

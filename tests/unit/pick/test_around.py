@@ -96,14 +96,18 @@ class Walk:
         self.shown, self.refused, self.travelled, self.told = list(shown), refused, list[str](), list[str]()
         reach = SimpleNamespace(allows=lambda _: True)
         self.mover = SimpleNamespace(
-            travel=self.travel, dry=dry, belief=SimpleNamespace(at=None), rest=self.rest, reach=reach
+            travel=self.travel,
+            dry=dry,
+            belief=SimpleNamespace(resting_reading=None),
+            wait_until_at_rest=self.wait_until_at_rest,
+            reach=reach,
         )
         self.context: Any = SimpleNamespace(
             cell=SimpleNamespace(mounting=OnHand(TOOL_FROM_CYCLOPEAN)), mover=self.mover,
             settings=Settings(surveys=Settings().surveys[:1] * 2), look=self.look, lit_look=self.look,
         )  # fmt: skip
 
-    async def rest(self) -> str:
+    async def wait_until_at_rest(self) -> str:
         return "here"
 
     async def travel(self, _: Any, purpose: str, __: Any) -> None:
@@ -111,7 +115,7 @@ class Walk:
         if purpose in self.refused:
             raise OutOfReachError("the wrist")
         if not self.mover.dry:
-            self.mover.belief.at = purpose
+            self.mover.belief.resting_reading = purpose
 
     async def look(self, at: str, purpose: str) -> Any:
         assert at == (self.travelled[-1] if self.travelled and not self.mover.dry else "here")
@@ -148,7 +152,7 @@ def test_where_nothing_is_found_from_anywhere_or_too_few_places_are_reached_nobo
         few.walked(LEAST_PLACES - 1)
     assert few.travelled == []
     dry = Walk(dry=True)
-    dry.mover.belief.at = "here"
+    dry.mover.belief.resting_reading = "here"
     assert len(dry.walked(LEAST_PLACES)[1]) == 0
     assert len(dry.travelled) == LEAST_PLACES
     with pytest.raises(NoSinglePartError):

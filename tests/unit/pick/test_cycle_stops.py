@@ -433,7 +433,7 @@ def test_that_a_hand_is_empty_which_this_daemon_never_opened_is_a_word_and_it_op
         if said in ("yes", "no"):
             cycle.holding(said == "yes")
         if said == "open":
-            await cycle.hand(False)
+            await cycle.set_gripper(False)
         if said == "dry":
             cycle.supervisor.mover.dry = True
             await cycle.pick()
@@ -532,7 +532,7 @@ def test_a_look_at_an_arm_that_goes_on_moving_is_refused():
     async def moving():
         raise OSError("not at rest within 5 s")
 
-    cycle.cell.robot.rest = moving
+    cycle.cell.robot.wait_until_at_rest = moving
     with pytest.raises(OSError, match="not at rest"):
         lived(cycle.look())
     assert not world.said("look")
@@ -550,11 +550,11 @@ def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_ho
         await asyncio.sleep(60.0)
 
     cycle.beliefs.learn(BeliefSource.COMMANDED, holding=False if closed else None)
-    cycle.cell.robot.hand = hand
+    cycle.cell.robot.set_gripper = hand
 
     async def story():
         with pytest.raises(RefusedError):
-            await cycle.hand(closed)
+            await cycle.set_gripper(closed)
         await asyncio.gather(*stopping)
 
     lived(story())
@@ -570,11 +570,11 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
     cycle.beliefs.learn(BeliefSource.COMMANDED, holding=full)
     if why == "dry":
         cycle.supervisor.dry(True)
-        lived(cycle.hand(closed))
+        lived(cycle.set_gripper(closed))
     else:
         cycle.supervisor.latch("stopped")
         with pytest.raises(MoveRefusedError):
-            lived(cycle.hand(closed))
+            lived(cycle.set_gripper(closed))
     assert (cycle.belief.holds_part, world.wire) == (full, [])
 
 
@@ -633,7 +633,7 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
 
     async def story():
         cycle.supervisor.hold.step(True)
-        closing = asyncio.create_task(cycle.hand(closed=True))
+        closing = asyncio.create_task(cycle.set_gripper(closed=True))
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0)
         assert (cycle.status()["pending"], world.wire) == ("close the gripper", [])

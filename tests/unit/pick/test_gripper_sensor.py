@@ -213,8 +213,8 @@ def test_a_cup_is_worked_by_outputs_where_its_valves_are_there_and_no_other_grip
 
     async def story() -> None:
         cycle.supervisor.enable()
-        await cycle.hand(closed=True)
-        await cycle.hand(closed=False)
+        await cycle.set_gripper(closed=True)
+        await cycle.set_gripper(closed=False)
 
     asyncio.run(story())
     at_outputs = (gripper, wired) == ("suction", True)

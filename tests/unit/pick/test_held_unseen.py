@@ -43,12 +43,12 @@ def test_with_a_part_in_the_gripper_perhaps_and_none_taught_the_arm_does_not_set
     cycle = cycle_of(world)
     cycle.holding(False)
     cycle.use(None if labels is None else TruthRecogniser(world, labels))
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     for act in (lambda: cycle.go("home"), lambda: cycle.jog(lambda at: at, "jog")):
         with pytest.raises(RefusedError, match=r"holding no.*hand open"):
             asyncio.run(act())
     assert moves(world) == 0
-    asyncio.run(cycle.hand(closed=False))
+    asyncio.run(cycle.set_gripper(closed=False))
     asyncio.run(cycle.go("home"))
     assert moves(world) > 0
 
@@ -57,7 +57,7 @@ def test_a_word_that_it_is_empty_lets_an_arm_go_without_a_model():
     world = one_part()
     cycle = cycle_of(world)
     cycle.use(None)
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     cycle.holding(False)
     asyncio.run(cycle.go("home"))
     assert moves(world) > 0
@@ -67,7 +67,7 @@ def test_a_look_that_moves_nothing_needs_no_word_about_the_gripper():
     world = one_part()
     cycle = cycle_of(world)
     cycle.use(TruthRecogniser(world, ()))
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     asyncio.run(cycle.look())
     assert moves(world) == 0
 
@@ -78,7 +78,7 @@ def test_a_look_of_one_camera_moves_the_arm_and_so_needs_a_word_about_the_grippe
     object.__setattr__(cycle.cell, "alone", "left")
     cycle.holding(False)
     cycle.use(TruthRecogniser(world, ()))
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     with pytest.raises(RefusedError, match="hand open"):
         asyncio.run(cycle.look())
     assert moves(world) == 0
@@ -89,7 +89,7 @@ def test_what_was_gripped_before_the_model_was_exchanged_is_a_part_of_the_one_be
     world = one_part()
     cycle = cycle_of(world)
     cycle.use(TruthRecogniser(world, (LARGE,)))
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     cycle.use(None if after is None else TruthRecogniser(world, after))
     asyncio.run(cycle.go("home"))
     assert guarded(cycle) == UNSEEN
@@ -101,7 +101,7 @@ def test_what_was_taught_since_may_be_in_the_gripper_too():
     cycle = cycle_of(world)
     cycle.holding(False)
     cycle.use(TruthRecogniser(world, (SMALL,)))
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
     asyncio.run(cycle.go("home"))
     assert longest_mm(SMALL) < radius_mm(cycle) < longest_mm(LARGE)
     cycle.use(TruthRecogniser(world, (SMALL, LARGE)))
@@ -110,7 +110,7 @@ def test_what_was_taught_since_may_be_in_the_gripper_too():
 
 
 def closed_again(cycle: PickCycle) -> None:
-    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.set_gripper(closed=True))
 
 
 def moved_by_others(cycle: PickCycle) -> None:
@@ -125,7 +125,7 @@ def test_a_part_that_facetd_grasped_stands_for_no_other_that_came_into_the_gripp
     world = one_part()
     cycle = cycle_of(world)
     known = carried_part(frames.apply(np.eye(4), 0.1 * shape_of("cube").corners_mm), "cube in the gripper")
-    cycle.beliefs.learn(BeliefSource.COMMANDED, closed=True, holding=True, load=known)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, closed=True, holding=True, held_shape=known)
     asyncio.run(cycle.go("home"))
     assert cycle.belief.capsules == known
     happens(cycle)
@@ -259,7 +259,7 @@ def test_only_both_cameras_on_the_gripper_see_how_it_holds_a_part():
     world = one_part()
     cycle = cycle_of(world)
     held = HeldPart(LARGE, np.eye(4), np.eye(6))
-    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=True, held=held)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=True, grasped_part=held)
     object.__setattr__(cycle.cell, "alone", "left")
     with pytest.raises(RefusedError, match="only both cameras on the gripper see how it holds a part: lay it where"):
         asyncio.run(cycle.held_here())

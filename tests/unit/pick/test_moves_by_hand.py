@@ -33,7 +33,7 @@ def test_a_small_move_goes_straight_and_near_from_where_the_arm_rests_and_says_w
     np.testing.assert_allclose(target[:3, 3] - before[:3, 3], [0.0, 0.0, 12.0], atol=1e-9)
     (move,) = world.said("move")
     assert (move["purpose"], move["how"], move["speed_pct"]) == ("jog z 12", "straight", Settings().near_pct)
-    np.testing.assert_array_equal(asyncio.run(cycle.rest()), world.at)
+    np.testing.assert_array_equal(asyncio.run(cycle.wait_until_at_rest()), world.at)
     assert asyncio.run(cycle.where()).world_from_tool.tolist() == world.at.tolist()
 
 
@@ -43,7 +43,7 @@ def test_an_arm_that_is_not_enabled_makes_no_small_move_and_says_where_it_is_all
     asyncio.run(cycle.supervisor.disable())
     with pytest.raises(MoveRefusedError, match="not_enabled"):
         asyncio.run(cycle.jog(lambda at: at, "jog"))
-    np.testing.assert_array_equal(asyncio.run(cycle.rest()), world.at)
+    np.testing.assert_array_equal(asyncio.run(cycle.wait_until_at_rest()), world.at)
 
 
 def test_each_named_position_is_gone_to_at_travel_speed_and_another_is_refused_with_those_there_are() -> None:

@@ -101,7 +101,9 @@ def test_what_the_gripper_may_hold_now_bars_no_way_that_is_planned_beforehand(tm
     story.cycle.beliefs.learn(BeliefSource.OPERATOR, holding=False)
     empty = asyncio.run(story.cycle.plan_from_side(story.goal, 0))
     long = np.array([[0.0, 0.0, z] for z in (0.0, 250.0)])
-    story.cycle.beliefs.learn(BeliefSource.OPERATOR, holding=True, load=carried_part(long, "a bar in the gripper"))
+    story.cycle.beliefs.learn(
+        BeliefSource.OPERATOR, holding=True, held_shape=carried_part(long, "a bar in the gripper")
+    )
     assert empty.found
     assert asyncio.run(story.cycle.plan_from_side(story.goal, 0)).found == empty.found
 
@@ -371,7 +373,7 @@ def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
             asyncio.run(here())
 
     refused("facetd has grasped no part that is in the gripper")
-    beliefs.learn(BeliefSource.COMMANDED, holding=True, held=HeldPart("cube", grasped, np.eye(6)))
+    beliefs.learn(BeliefSource.COMMANDED, holding=True, grasped_part=HeldPart("cube", grasped, np.eye(6)))
     refused("the edges of the cube do not show clearly in the gripper")
     monkeypatch.setattr(
         set_down, "held_by_edges", lambda *_: HeldPose(seen, seen, np.diag([0.04] * 3 + [1e-6] * 3), chi2)
@@ -396,9 +398,9 @@ def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
     fake.before = nudge
     refused("keep the arm still, then repeat")
     fake.before = lambda act: None
-    beliefs.learn(BeliefSource.COMMANDED, held=HeldPart("bolt", grasped, np.eye(6)))
+    beliefs.learn(BeliefSource.COMMANDED, grasped_part=HeldPart("bolt", grasped, np.eye(6)))
     refused("the bolt in the gripper is no longer taught")
-    beliefs.learn(BeliefSource.OPERATOR, holding=False, held=None)
+    beliefs.learn(BeliefSource.OPERATOR, holding=False, grasped_part=None)
     refused("facetd has grasped no part")
 
 
@@ -559,7 +561,7 @@ def test_how_a_part_is_held_is_taken_from_its_edges_where_these_agree_with_the_g
         compute=compute, rig=None, mounting=None, alone=None,
         log=SimpleNamespace(record=lambda kind, **fields: records.append((kind, fields))),
     )  # fmt: skip
-    beliefs = SimpleNamespace(learn=lambda source, load: learnt.append((source, load)))
+    beliefs = SimpleNamespace(learn=lambda source, held_shape: learnt.append((source, held_shape)))
     context: Any = SimpleNamespace(
         cell=cell, settings=Settings(), cycle=7, mover=SimpleNamespace(beliefs=beliefs)
     )  # fmt: skip
@@ -572,9 +574,9 @@ def test_how_a_part_is_held_is_taken_from_its_edges_where_these_agree_with_the_g
         assert (kind, fields["cycle"], fields["label"], fields["chi2"]) == ("in_gripper", 7, "cube", chi2)
         assert (fields["shift_mm"], fields["shift_deg"]) == pytest.approx((5.0, 2.0))
     if trusted:
-        ((source, load),) = learnt
+        ((source, held_shape),) = learnt
         assert source is BeliefSource.OBSERVED
-        assert load == carried_part(frames.apply(held, target.shape.corners_mm), "cube in the gripper")
+        assert held_shape == carried_part(frames.apply(held, target.shape.corners_mm), "cube in the gripper")
 
 
 def test_dry_a_place_keeps_the_status_it_has_and_nobody_goes_to_look() -> None:

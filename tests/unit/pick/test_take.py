@@ -189,7 +189,7 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     step(context, world, PickState.RETREAT)
     low = world.the_target().plan.grasp.world_from_tool
     assert not context.mover.reach.allows(low), "what is held would touch the table again"
-    asyncio.run(context.mover.hand(closed=False))
+    asyncio.run(context.mover.set_gripper(closed=False))
     assert context.mover.belief.capsules == ()
     assert context.mover.reach.allows(low)
 
@@ -205,7 +205,7 @@ def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_ro
     corners = np.concatenate([cycle.recogniser.shape(label).corners_mm for label in cycle.recogniser.labels])
     assert carried.link == "tool"
     assert carried.radius_mm <= np.linalg.norm(np.ptp(corners, axis=0))
-    low = mover.belief.at.world_from_tool.copy()
+    low = mover.belief.resting_reading.world_from_tool.copy()
     low[2, 3] = mover.limits.table_z_mm + carried.radius_mm
     assert not mover.reach.allows(low)
     cycle.holding(False)
@@ -232,7 +232,7 @@ def test_what_was_taught_since_may_be_in_the_hand_as_well():
 
 def test_what_an_operator_sees_to_be_empty_carries_nothing():
     cycle = cycle_of(one_part())
-    cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, load=(capsule_around(np.eye(3), "a part"),))
+    cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, held_shape=(capsule_around(np.eye(3), "a part"),))
     cycle.holding(True)
     assert cycle.supervisor.mover.belief.capsules
     cycle.holding(False)
@@ -301,14 +301,14 @@ def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there()
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
-    honest = context.cell.robot.hand
+    honest = context.cell.robot.set_gripper
 
     async def sticky(closed):
         held = fake.held
         await honest(closed)
         fake.held = held
 
-    context.cell.robot.hand = sticky
+    context.cell.robot.set_gripper = sticky
     assert step(context, world, PickState.BIN) is PickEvent.STILL_HELD
     assert world.result.outcome == "released"
     assert context.mover.belief.holds_part is True

@@ -61,7 +61,7 @@ def timed(context: PickContext, monkeypatch: pytest.MonkeyPatch) -> list[tuple[b
 
     async def works(closed: bool, hand_s: float) -> None:
         waited.append((closed, hand_s))
-        await context.mover.cell.robot.hand(closed)
+        await context.mover.cell.robot.set_gripper(closed)
 
     monkeypatch.setattr(context.mover, "work_gripper", works)
     return waited
@@ -89,7 +89,7 @@ def test_a_cup_that_a_person_works_is_waited_for_as_long(closed: bool, hand_s: f
         asked.append(what)
 
     cycle.supervisor.mover.work_gripper = works
-    asyncio.run(cycle.hand(closed))
+    asyncio.run(cycle.set_gripper(closed))
     assert asked == [(closed, hand_s)]
 
 

@@ -92,7 +92,7 @@ def still_empty(before: CellBelief, change: VoidingEvent) -> CellBelief:
 async def opened_here(context: PickContext, world: WorldModel, *about: Any, **how: Any) -> None:
     """As if what is taken for empty could be opened anywhere."""
     if not context.mover.belief.is_open:
-        await context.mover.hand(closed=False)
+        await context.mover.set_gripper(closed=False)
     await travel(context, world, *about, **how)
 
 
@@ -338,7 +338,7 @@ def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
             story.sockets[0].answer("y")
             story.wait(15.0)
 
-    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_void_stop_proof", nothing))
+    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_void_stop_test", nothing))
 
 
 @pytest.mark.parametrize("text", ["auto on", "pick cube"])

@@ -112,12 +112,14 @@ def test_the_end_has_the_units_whole_time_for_a_stop_that_is_not_heard_at_once(f
     async def close() -> None:
         """The alarm has sounded."""
 
-    async def rested() -> None:
+    async def wait_for_stop_end() -> None:
         await asyncio.sleep(2.5 * Dialect().resync_s)
         confirmed.append(True)
 
     service = Service(folder / "facetd.yaml")
-    service.context = SimpleNamespace(cycle=SimpleNamespace(supervisor=SimpleNamespace(close=close, rested=rested)))  # type: ignore[assignment]
+    service.context = SimpleNamespace(
+        cycle=SimpleNamespace(supervisor=SimpleNamespace(close=close, wait_for_stop_end=wait_for_stop_end))
+    )  # type: ignore[assignment]
     lived(service._end())
     assert confirmed
     unit = (ETC.parent / "deploy" / "facetd.service").read_text()

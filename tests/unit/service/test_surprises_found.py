@@ -568,7 +568,7 @@ def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enab
     story.sockets[0].send({"leave": True})
     story.wait(2.0)
     context = story.context
-    assert context.hardware.robot.permission.stop_seen
+    assert context.hardware.robot.permission.stop_tests
     assert not context.cycle.status()["enabled"]
     assert story.violations() == ()
 

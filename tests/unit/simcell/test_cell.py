@@ -44,7 +44,7 @@ def drive(cell: SimulatedCell, *steps: str | Array) -> None:
                 else:
                     target: Location = location_from_matrix(step)
                     await link.move(target)
-                    await link.rest(target, 10.0)
+                    await link.wait_until_at_rest(target, 10.0)
         finally:
             await link.close()
 

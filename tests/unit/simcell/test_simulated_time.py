@@ -46,7 +46,7 @@ def test_ten_minutes_of_moves_pass_in_the_time_their_work_takes() -> None:
         while controller.now_s < 600.0:
             target = Location(520.0, 40.0 * (moves % 5), -100.0, 0.0, 80.0, 10.0 * (moves % 3))
             await link.move(target)
-            await link.rest(target)
+            await link.wait_until_at_rest(target)
             moves += 1
         await link.close()
         return asyncio.get_running_loop().time(), moves
@@ -68,7 +68,7 @@ def test_a_conversation_repeats_itself_byte_for_byte_and_second_for_second() -> 
         await link.open()
         target = location_from_matrix(forward(READY_RAD + np.radians([10, -20, 5, 0, 10, 0])))
         await link.move(target)
-        await link.rest(target)
+        await link.wait_until_at_rest(target)
         await link.close()
         return records
 
@@ -85,10 +85,10 @@ def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
         await link.speed(5)
         target = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
         await link.move(target)
-        waiting = asyncio.create_task(link.rest(target))
+        waiting = asyncio.create_task(link.wait_until_at_rest(target))
         await asyncio.sleep(1.0)
         told_s = line.now_s()
-        await link.abort()
+        await link.stop_motion()
         with pytest.raises(Preempted):
             await waiting
         assert controller.machine.at_rest()
@@ -133,13 +133,13 @@ def test_the_whole_cell_lives_in_simulated_time() -> None:
         target = Location(520.0, 0.0, 60.0, 0.0, 90.0, 0.0)
         await link.ready()
         await link.move(target)
-        await link.rest(target)
+        await link.wait_until_at_rest(target)
         asked_s = loop.time()
         pair = await asyncio.to_thread(cell.camera.grab, asked_s, 1.0)
         assert pair.left.taken_s > asked_s
         assert pair.left.pixels.max() > 100
         await link.move(Location(520.0, 0.0, -320.0, 0.0, 90.0, 0.0))
-        await link.abort()
+        await link.stop_motion()
         await asyncio.sleep(3600.0)
         assert {violation.rule for violation in cell.violations()} == {"step too long"}
         await link.close()

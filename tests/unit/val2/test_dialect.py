@@ -60,6 +60,6 @@ def test_shortened_waits_serve_a_fast_simulated_line(arm_line: MakesLine) -> Non
     async def scene() -> None:
         async with arm_line(time_scale=20.0).link(Dialect().on_a_faster_line(20.0)) as link:
             await link.move(GOAL)
-            assert apart((await link.rest(GOAL)).location, GOAL)[0] < 0.01
+            assert apart((await link.wait_until_at_rest(GOAL)).location, GOAL)[0] < 0.01
 
     asyncio.run(scene())

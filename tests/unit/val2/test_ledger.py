@@ -33,11 +33,11 @@ def a_session(timed_line: MakesLine, faults: Sequence[LineFault] = (), **setting
             cell.faults.line.extend(map(copy, faults))
             await link.speed(80)
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
             await link.calibrate("N")
             for text in ("HERE P", "DO SET Q=P", "STATUS"):
                 await link.command(text)
-            await link.abort()
+            await link.stop_motion()
         return cell
 
     records: Records = json.loads(json.dumps(lived(scene()).records))
@@ -123,8 +123,8 @@ def test_a_keeper_that_fails_loses_records_and_never_the_line(arm_line: MakesLin
         link = Link(arm_line(time_scale=SCALE).server.port, Dialect(resync_s=0.4), on_wire=keep)
         await link.open()
         await link.speed(80)
-        await link.abort()
-        assert link.stop_seen
+        await link.stop_motion()
+        assert link.stop_tests
         await link.close()
 
     asyncio.run(scene())

@@ -54,7 +54,7 @@ def test_an_adapter_that_comes_back_as_another_device_is_found_by_its_name(arm_l
         await link.open()
         with after.server.controller() as controller:
             controller.lines.clear()
-        await link.prove_stop()
+        await link.test_stop()
         with after.server.controller() as controller:
             assert "ABORT" in controller.lines
         await link.close()
@@ -111,7 +111,7 @@ def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_d
         await link.open()
         await link.speed(10)
         np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
-        await link.abort()
+        await link.stop_motion()
         await link.close()
 
     asyncio.run(scene())
@@ -284,7 +284,7 @@ def test_a_stop_goes_out_on_a_line_that_noise_holds_and_so_does_what_is_typed_on
             await held_by_noise(cell)
             with pytest.raises(LinkError, match="the line takes no more bytes"):
                 link._open_session.send(b".", b"")
-            assert await link.abort() is not None
+            assert await link.stop_motion() is not None
             with cell.server.controller() as controller:
                 assert controller.machine.at_rest()
             await held_by_noise(cell)
@@ -305,7 +305,7 @@ def test_what_waits_on_a_line_goes_out_neither_before_a_stop_nor_after_it_was_le
 
     async def scene() -> None:
         async with arm_line().link() as link:
-            for let_go in (link.abort, link.close):
+            for let_go in (link.stop_motion, link.close):
                 told.clear()
                 await let_go()
                 assert told == [

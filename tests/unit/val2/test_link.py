@@ -44,7 +44,7 @@ def quick(**settings: Any) -> Dialect:
 
 async def go(link: Link, location: Location, timeout_s: float | None = None) -> None:
     await link.move(location)
-    await link.rest(location, timeout_s)
+    await link.wait_until_at_rest(location, timeout_s)
 
 
 def test_it_says_where_the_arm_is(arm_line: MakesLine) -> None:
@@ -67,10 +67,10 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
         async with cell.link(quick(break_after_move=break_after_move)) as link:
             await link.speed(50)
             await link.move(GOAL)
-            there = await link.rest(GOAL, 20.0)
+            there = await link.wait_until_at_rest(GOAL, 20.0)
             assert apart(there.location, GOAL) == pytest.approx((0, 0), abs=0.01)
             await link.move_straight(NEARBY)
-            there = await link.rest(NEARBY, 20.0)
+            there = await link.wait_until_at_rest(NEARBY, 20.0)
             assert apart(there.location, NEARBY) == pytest.approx((0, 0), abs=0.01)
             assert cell.server.now_s() > 0
         with cell.server.controller() as controller:
@@ -84,9 +84,9 @@ def test_a_straight_move_can_be_one_line_or_two(timed_line: MakesLine) -> None:
         cell = timed_line()
         async with cell.link(quick(straight_through_variable=through_variable)) as link:
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
             await link.move_straight(NEARBY)
-            await link.rest(NEARBY)
+            await link.wait_until_at_rest(NEARBY)
         return str(cell.sent())
 
     assert "DO SET GOAL=TRANS(" in lived(scene(True))
@@ -200,7 +200,7 @@ def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(timed_line:
                 await link.power_up()
             assert cell.sent() == before, "no Y is typed at a prompt"
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
 
     lived(scene())
 
@@ -385,14 +385,14 @@ def test_an_abort_stops_the_arm_whoever_is_using_the_link(
 
             async def mover() -> None:
                 await link.move(GOAL)
-                await link.rest(GOAL)
+                await link.wait_until_at_rest(GOAL)
 
             moving = asyncio.create_task(mover())
             waiting = asyncio.create_task(asyncio.sleep(0.05))
             await waiting
             queued = asyncio.create_task(link.move(NEARBY))
             await asyncio.sleep(0.3)
-            stopped = await link.abort()
+            stopped = await link.stop_motion()
             for task in (moving, queued):
                 with pytest.raises(Preempted):
                     await task
@@ -414,12 +414,12 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
         async with cell.link() as link:
             moving = asyncio.create_task(link.move_straight(NEARBY))
             await asyncio.sleep(after_ms / 1000)
-            stopped = await link.abort()
+            stopped = await link.stop_motion()
             await asyncio.gather(moving, return_exceptions=True)
             await asyncio.sleep(0.1)
             np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
 
     lived(scene())
 
@@ -428,7 +428,7 @@ def test_two_aborts_at_once_are_one(timed_line: MakesLine) -> None:
     async def scene() -> None:
         cell = timed_line()
         async with cell.link() as link:
-            await asyncio.gather(link.abort(), link.abort(), link.abort())
+            await asyncio.gather(link.stop_motion(), link.stop_motion(), link.stop_motion())
             assert cell.sent().count("!!") == 1
 
     lived(scene())
@@ -438,7 +438,7 @@ def test_a_motion_asked_for_during_an_abort_is_not_carried_out(timed_line: Makes
     async def scene() -> None:
         cell = timed_line()
         async with cell.link() as link:
-            aborting = asyncio.create_task(link.abort())
+            aborting = asyncio.create_task(link.stop_motion())
             await asyncio.sleep(0)
             await asyncio.sleep(0)
             with pytest.raises(Preempted):
@@ -458,7 +458,7 @@ def test_an_abort_gets_past_a_question(timed_line: MakesLine, text: str) -> None
             await link.move(GOAL)
             asking = asyncio.create_task(link.command(text))
             await asyncio.sleep(0.3)
-            stopped = await link.abort()
+            stopped = await link.stop_motion()
             await asyncio.gather(asking, return_exceptions=True)
             assert link.question is None
             assert apart(stopped.location, GOAL)[0] > 10
@@ -474,18 +474,18 @@ def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_
     async def scene() -> None:
         cell = timed_line()
         async with cell.link() as link:
-            await link.prove_stop()
+            await link.test_stop()
             moving = asyncio.create_task(link.move(GOAL))
             await asyncio.sleep(0.05)
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.POWER_CYCLED)
-            assert await link.abort() is None
+            assert await link.stop_motion() is None
             await asyncio.gather(moving, return_exceptions=True)
             assert "Load VAL" in str(link.question)
-            assert not link.stop_seen
+            assert not link.stop_tests
             assert "\rN\r" not in cell.sent()
             await link.power_up()
-            await link.prove_stop()
+            await link.test_stop()
 
     lived(scene())
 
@@ -497,7 +497,7 @@ def test_an_abort_that_nobody_answers_is_tried_some_times_and_told(timed_line: M
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.DEAD)
             with pytest.raises(NoAnswer, match="no prompt"):
-                await link.abort()
+                await link.stop_motion()
             assert cell.sent().count("!!") > 1
 
     lived(scene())
@@ -522,7 +522,7 @@ def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(timed_line
                 assert controller.machine.speed_percent == 30
 
             async with link.terminal(seen.extend) as type_in:
-                await link.abort()
+                await link.stop_motion()
                 with pytest.raises(Preempted):
                     type_in(b"DO NEST\r")
 
@@ -544,7 +544,7 @@ def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_a
             await link.where()  # nothing of the opening is under way any more
             cell.faults.line.append(LineFault(way, harm, after=after))
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
             assert cell.faults.line == []
             assert cell.sent().count("\rDO MOVE") + cell.sent().count("\x15DO MOVE") >= 2
 
@@ -598,7 +598,7 @@ def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_to
                 await link.move(GOAL)
             assert problem.value.where is not None
             assert cell.sent().count("DO MOVE") == 1
-            assert apart((await link.rest(GOAL)).location, GOAL) == pytest.approx((0, 0), abs=0.01)
+            assert apart((await link.wait_until_at_rest(GOAL)).location, GOAL) == pytest.approx((0, 0), abs=0.01)
 
     lived(scene())
 
@@ -651,7 +651,7 @@ def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(timed_li
         await link.command("TOOL TRANS(0,0,100,0,-90,90)")
         with pytest.raises(Garbled, match="do not fit each other: noise on the line, or somebody set TOOL or BASE"):
             await link.where()
-        assert (await link.abort()).location.z_mm == pytest.approx(963.6)
+        assert (await link.stop_motion()).location.z_mm == pytest.approx(963.6)
         await link.close()
 
     lived(scene())
@@ -682,7 +682,7 @@ def test_a_line_without_echo_is_served_by_its_setting(timed_line: MakesLine) -> 
         cell = timed_line(Manners(echo=False))
         async with cell.link(quick(echo=False)) as link:
             await link.move(GOAL)
-            await link.rest(GOAL)
+            await link.wait_until_at_rest(GOAL)
 
     lived(scene())
 
@@ -774,7 +774,7 @@ def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(timed_line: MakesLine) -> N
             with cell.server.controller() as controller:
                 controller.arm.halt(controller.now_s)
             with pytest.raises(Elsewhere, match="from its target") as problem:
-                await link.rest(GOAL)
+                await link.wait_until_at_rest(GOAL)
             assert problem.value.where is not None
 
     lived(scene())
@@ -791,7 +791,7 @@ def test_an_arm_that_only_lingers_elsewhere_is_waited_for_and_one_that_stays_is_
             return Where(GOAL if now[0] == seconds[-1] else NEARBY, (0.0,) * 6)
 
         monkeypatch.setattr(link, "still", still)
-        return await link.rest(GOAL)
+        return await link.wait_until_at_rest(GOAL)
 
     now = [0.0]
     assert asyncio.run(scene([0.0, 0.1, 0.2])).location == GOAL
@@ -822,7 +822,7 @@ def test_a_stop_that_nobody_waits_for_any_more_is_nobodys_unhandled_error() -> N
 
 
 def test_a_link_that_was_never_opened_has_seen_no_stop() -> None:
-    assert not Link("nowhere").stop_seen
+    assert not Link("nowhere").stop_tests
 
 
 @pytest.mark.parametrize(("prompt", "usual_s"), [("start", 3.0), ("end", 50.0), ("either", 50.0)])

@@ -45,7 +45,7 @@ class Scene:
         action = asyncio.ensure_future(actions[self.rng.integers(len(actions))]())
         if self.rng.random() < 0.3:
             await asyncio.sleep(self.rng.uniform(0, 0.25))
-            await asyncio.gather(self.link.abort(), action, return_exceptions=True)
+            await asyncio.gather(self.link.stop_motion(), action, return_exceptions=True)
         outcome = (await asyncio.gather(action, return_exceptions=True))[0]
         assert outcome is None or not isinstance(outcome, BaseException) or isinstance(outcome, LinkError), outcome
 
@@ -53,13 +53,13 @@ class Scene:
         self.orders += 1
         place = PLACES[self.rng.integers(len(PLACES))]
         await self.link.move(place)
-        await self.link.rest(place)
+        await self.link.wait_until_at_rest(place)
 
     async def go_straight(self) -> None:
         self.orders += 1
         place = PLACES[self.rng.integers(len(PLACES))]
         await self.link.move_straight(place)
-        await self.link.rest(place)
+        await self.link.wait_until_at_rest(place)
 
     async def hand(self) -> None:
         await self.link.close_hand()
@@ -111,7 +111,7 @@ def test_whatever_happens_no_order_moves_twice_and_the_link_comes_back(
                 await asyncio.wait_for(run.put_right(), PATIENCE_S)
                 assert run.motions() <= run.orders
             await link.move(PLACES[0])
-            there = await link.rest(PLACES[0], 5.0)
+            there = await link.wait_until_at_rest(PLACES[0], 5.0)
             np.testing.assert_allclose(there.location.values()[:3], PLACES[0].values()[:3], atol=0.01)
 
     lived(scene())

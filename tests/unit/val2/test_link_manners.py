@@ -46,12 +46,12 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
         near = location_from_matrix(forward(np.radians(strange.joints_deg + 5.0), strange.geometry))
         await link.speed(50)
         await link.move(near)
-        assert apart((await link.rest(near)).location, near)[0] < 0.2
+        assert apart((await link.wait_until_at_rest(near)).location, near)[0] < 0.2
         await link.speed(2)
         going = asyncio.ensure_future(link.move(here.location))
         await asyncio.sleep(1.5)
         asked_s = clock()
-        place = await link.abort()
+        place = await link.stop_motion()
         await asyncio.gather(going, return_exceptions=True)
         stops = [event for event in controller.machine.history.since(0)[1] if isinstance(event, StopRecord)]
         assert min(stop.began_s for stop in stops if stop.began_s > asked_s) < asked_s + HEARD_WITHIN_S
@@ -82,7 +82,7 @@ def test_on_the_slowest_line_allowed_a_stop_is_confirmed_before_its_operator_is_
         asked_s = clock()
         with pytest.raises(NoAnswer):
             await link.still(0.0, any_place=True)
-        await link.abort()
+        await link.stop_motion()
         assert controller.machine.at_rest()
         assert (clock() - asked_s < STOP_ANSWER_S) is in_time
         await link.close()

@@ -138,7 +138,7 @@ def test_of_two_readings_that_agree_an_abort_gives_the_later() -> None:
         port = Scripted(lambda line, nth: table(500.0 + 0.01 * nth) if line == "WHERE" else PROMPT)
         link = linked(port, break_after_move=True)
         await link.open()
-        where = await link.abort()
+        where = await link.stop_motion()
         assert where is not None
         return where.location.values()
 
@@ -194,13 +194,13 @@ def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_i
 def test_a_link_that_was_let_go_has_no_line_and_has_seen_no_stop_and_one_opened_anew_found_no_arm_at_work() -> None:
     async def story() -> None:
         link = linked(Scripted(usual))
-        assert (link.connected, link.stop_seen, link.stopped_on_opening) == (False, False, False)
+        assert (link.connected, link.stop_tests, link.stopped_on_opening) == (False, False, False)
         await link.open()
-        await link.prove_stop()
-        assert (link.connected, link.stop_seen) == (True, True)
+        await link.test_stop()
+        assert (link.connected, link.stop_tests) == (True, True)
         await link.close()
         await link.close()
-        assert (link.connected, link.stop_seen) == (False, False)
+        assert (link.connected, link.stop_tests) == (False, False)
         with pytest.raises(PortError, match="not open"):
             await link.where()
         link.stopped_on_opening = True
@@ -315,10 +315,10 @@ def test_after_an_answer_to_a_question_that_nobody_knows_a_program_may_run(asks:
         (lambda link: link.move_straight(GOAL), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
         (lambda link: link.ready(), ["DO READY", "DO BREAK", "WHERE", "WHERE"], {}),
         (lambda link: link.ready(), ["DO READY", "WHERE", "WHERE"], {"break_after_move": False}),
-        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE"], {}),
-        (lambda link: link.rest(replace(GOAL, x_mm=500.1)), ["DO BREAK", "WHERE", "WHERE"], {}),
-        (lambda link: link.rest(replace(GOAL, a_deg=0.05)), ["DO BREAK", "WHERE", "WHERE"], {}),
-        (lambda link: link.rest(GOAL), ["WHERE", "WHERE"], {"break_after_move": False}),
+        (lambda link: link.wait_until_at_rest(GOAL), ["DO BREAK", "WHERE"], {}),
+        (lambda link: link.wait_until_at_rest(replace(GOAL, x_mm=500.1)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.wait_until_at_rest(replace(GOAL, a_deg=0.05)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.wait_until_at_rest(GOAL), ["WHERE", "WHERE"], {"break_after_move": False}),
         (lambda link: link.open_hand(), ["DO OPENI"], {}),
         (lambda link: link.close_hand(), ["DO CLOSEI"], {}),
         (lambda link: link.tool(GOAL), [f"TOOL {TRANS}"], {}),
@@ -388,7 +388,7 @@ def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_word
         assert str(told(lambda link: link.move(GOAL, start=START), says)[0]).startswith(came)
 
     async def in_a_stop(link: Link) -> None:
-        stopping = asyncio.ensure_future(link.abort())
+        stopping = asyncio.ensure_future(link.stop_motion())
         await asyncio.sleep(0.01)
         with pytest.raises(Preempted, match="an abort is under way"):
             await link.move(GOAL, start=START)
@@ -402,13 +402,13 @@ def test_an_arm_at_rest_elsewhere_in_place_or_turn_is_told_once_it_has_lingered(
     def says(line: str, nth: int) -> str:
         return table(x, t) if line == "WHERE" else PROMPT
 
-    came, _, took_s = told(lambda link: link.rest(GOAL), says, stall_s=2.0)
+    came, _, took_s = told(lambda link: link.wait_until_at_rest(GOAL), says, stall_s=2.0)
     assert isinstance(came, Elsewhere)
     assert "at rest 0.30 mm and 0.00" in str(came) or "0.00 mm and 0.30 degrees" in str(came)
     assert came.where is not None
     assert came.where.location == Location(x, 0.0, 0.0, 0.0, 0.0, t)
     assert 2.0 <= took_s < 2.5
-    came, _, took_s = told(lambda link: link.rest(GOAL, 1.0), says, stall_s=2.0)
+    came, _, took_s = told(lambda link: link.wait_until_at_rest(GOAL, 1.0), says, stall_s=2.0)
     assert isinstance(came, Elsewhere)
     assert 1.0 <= took_s < 1.5, "no longer than there is time"
 
@@ -417,7 +417,7 @@ def test_an_arm_that_does_not_come_to_rest_in_time_is_no_answer_with_where_it_wa
     def says(line: str, nth: int) -> str:
         return table(400.0 + nth) if line == "WHERE" else PROMPT
 
-    came, lines, took_s = told(lambda link: link.rest(GOAL, 1.0), says)
+    came, lines, took_s = told(lambda link: link.wait_until_at_rest(GOAL, 1.0), says)
     assert isinstance(came, NoAnswer)
     assert came.where is not None
     assert came.where.location.x_mm == 400.0 + lines.count("WHERE") - 1
@@ -451,7 +451,7 @@ def test_an_arm_that_seems_at_work_on_opening_is_stopped_before_anything_else_is
         link = linked(port)
         await link.open()
         assert link.stopped_on_opening
-        assert link.stop_seen
+        assert link.stop_tests
         assert port.lines[:2] == ["!!", "ABORT"]
 
     lived(story())
@@ -462,10 +462,10 @@ def test_opening_a_line_that_a_stop_waits_for_is_over_when_the_stop_is_and_found
         link = linked(Scripted(usual))
         opening = asyncio.ensure_future(link.open())
         await asyncio.sleep(0.0)
-        stopping = asyncio.ensure_future(link.abort())
+        stopping = asyncio.ensure_future(link.stop_motion())
         await opening
         assert stopping.done()
-        assert link.stop_seen
+        assert link.stop_tests
         assert not link.stopped_on_opening
 
     lived(story())
@@ -574,7 +574,7 @@ def test_an_arm_that_does_not_stop_is_told_again_and_again_and_where_it_was_last
     def says(line: str, nth: int) -> str:
         return table(400.0 + nth) if line == "WHERE" else PROMPT
 
-    came, lines, took_s = told(lambda link: link.abort(), says, poll_s=0.5)
+    came, lines, took_s = told(lambda link: link.stop_motion(), says, poll_s=0.5)
     assert isinstance(came, NoAnswer)
     assert str(came) == "the arm still moves after ABORT"
     assert came.where is not None
@@ -586,7 +586,7 @@ def test_an_arm_that_does_not_stop_is_told_again_and_again_and_where_it_was_last
 def test_a_table_is_waited_for_in_a_stop_as_long_as_it_takes_on_a_slow_line() -> None:
     """Three hundred characters of ten bits, and what any answer takes."""
     came, *_ = told(
-        lambda link: link.abort(), lambda line, _: "" if line == "WHERE" else PROMPT, baud=100, resync_s=1.0
+        lambda link: link.stop_motion(), lambda line, _: "" if line == "WHERE" else PROMPT, baud=100, resync_s=1.0
     )
     assert str(came) == "no answer to 'WHERE' within 31 s"
 
@@ -605,7 +605,7 @@ def test_what_a_command_asks_is_open_until_it_is_answered_and_a_stop_gets_past_i
         assert link.question == "Are you sure (Y/N)?"
         with pytest.raises(ControllerError, match="answer it"):
             await link.speed(5.0)
-        assert (await link.abort()) is not None
+        assert (await link.stop_motion()) is not None
         assert link.question is None
         await link.speed(5.0)
 
@@ -637,7 +637,7 @@ def test_whoever_hears_no_answer_as_the_arm_is_stopped_types_nothing_into_the_st
         port.write = lambda data: (typed.extend(data), write(data))  # type: ignore[method-assign]
 
         def stop() -> None:
-            stopping.append(asyncio.ensure_future(link.abort()))
+            stopping.append(asyncio.ensure_future(link.stop_motion()))
             loop.sleep(0.001)  # type: ignore[attr-defined]  # the computer is busy, and their time is up
 
         asking = asyncio.ensure_future(link.command("STATUS", timeout_s=2.0))
@@ -665,13 +665,13 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
         link = linked(port)
         await link.open()
         with pytest.raises(ControllerError, match="floppy"):
-            await link.prove_stop()
+            await link.test_stop()
         with pytest.raises(ControllerError, match="floppy"):
             await link.where()
-        return link.stop_seen, link.question, port.lines
+        return link.stop_tests, link.question, port.lines
 
-    stop_seen, question, lines = lived(story())
-    assert (stop_seen, question) == (0, "Load VAL II from floppy (Y/N)?")
+    stop_tests, question, lines = lived(story())
+    assert (stop_tests, question) == (0, "Load VAL II from floppy (Y/N)?")
     assert set(lines) == {"DO BREAK", "!!", "ABORT", ""}
 
 
@@ -689,11 +689,11 @@ def test_what_the_controller_says_by_itself_amid_a_stop_is_no_refusal_of_it_and_
 
         link = linked(Scripted(says))
         await link.open()
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
         with pytest.raises(ControllerError) as said:
             await link.where()
         await link.where()
-        return link.stop_seen, str(said.value)
+        return link.stop_tests, str(said.value)
 
     assert lived(story()) == (1, "*Emergency stop*")
 
@@ -708,8 +708,8 @@ def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_ref
         link = linked(Scripted(says))
         await link.open()
         with pytest.raises(StopWordRefused) as refused:
-            await link.prove_stop()
-        return str(refused.value), link.stop_seen
+            await link.test_stop()
+        return str(refused.value), link.stop_tests
 
     assert lived(story()) == ("the controller does not accept ABORT (it answers `*What?*`)", 0)
 
@@ -776,7 +776,7 @@ def test_a_stop_amid_what_a_program_prints_is_typed_again_as_long_as_it_prints()
         await asyncio.sleep(2.0)
         began_s = asyncio.get_running_loop().time()
         async with asyncio.timeout(60.0):
-            await link.abort()
+            await link.stop_motion()
         with pytest.raises(Preempted):
             await running
         return asyncio.get_running_loop().time() - began_s
@@ -851,9 +851,9 @@ def followed(
         port, asked, came = Shared(says), list[float](), None
         link = linked(port, **settings)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         await link.move_straight(GOAL, start=START)
-        await link.rest(GOAL, then=THEN)
+        await link.wait_until_at_rest(GOAL, then=THEN)
         del port.lines[:]
         await between(link, port)
         try:
@@ -882,7 +882,7 @@ def test_a_preamble_sent_ahead_goes_before_the_reading() -> None:
         await link.open()
         await link.move_straight(GOAL, start=START)
         del port.lines[:]
-        await link.rest(GOAL, then=THEN)
+        await link.wait_until_at_rest(GOAL, then=THEN)
         return port.lines
 
     assert lived(story()) == ["DO BREAK", *AHEAD]
@@ -894,7 +894,7 @@ def test_a_preamble_sent_ahead_goes_before_the_reading() -> None:
         lambda link, _: asyncio.sleep(2 * PREAMBLE_S),
         lambda link, _: link.speed(40.0),
         lambda link, _: link.where(),
-        lambda link, _: link.prove_stop(),
+        lambda link, _: link.test_stop(),
         lambda link, _: link.close_hand(),
     ],
     ids=["time", "a speed", "a question", "a stop", "the gripper"],
@@ -920,7 +920,7 @@ def test_of_another_move_than_the_one_announced_all_is_told() -> None:
         link = linked(port)
         await link.open()
         await link.move_straight(GOAL, start=START)
-        await link.rest(GOAL, then=THEN)
+        await link.wait_until_at_rest(GOAL, then=THEN)
         del port.lines[:]
         await link.move_straight(place, start=MoveStart(speed_pct, lambda where: None))
         return port.lines
@@ -960,7 +960,7 @@ def test_where_moves_do_not_follow_at_once_no_preamble_is_sent_ahead_until_they_
         for wait_s in (2 * PREAMBLE_S, 0.0, 0.0):
             await link.move_straight(GOAL, start=START)
             del port.lines[:]
-            await link.rest(GOAL, then=NextMove(GOAL, straight=True, speed_pct=40.0))
+            await link.wait_until_at_rest(GOAL, then=NextMove(GOAL, straight=True, speed_pct=40.0))
             typed.append(list(port.lines))
             await asyncio.sleep(wait_s)
         return typed
@@ -994,7 +994,7 @@ def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(h
         port = Shared(usual)
         link = linked(port)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         voided: list[str] = []
         link.disturbed = lambda: voided.append("void")
         del port.lines[:]
@@ -1009,16 +1009,16 @@ def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(h
             await link.move_straight(GOAL, start=START)
         except Exception as error:
             came = error
-        return came, port.lines, len(voided), link.stop_seen
+        return came, port.lines, len(voided), link.stop_tests
 
     for within in (False, True):
         if within and heard in ("\r\n.", "SPEED 10"):
             continue  # the first is as long as it takes to be heard an answer of ours, the second no line
-        came, lines, voided, stop_seen = lived(story(within))
+        came, lines, voided, stop_tests = lived(story(within))
         assert isinstance(came, Disturbed | Garbled)
         assert within or "another terminal or program types on the controller's line" in str(came)
         assert "DO MOVES GOAL" not in lines
-        assert within or (voided, stop_seen) == (1, 0)
+        assert within or (voided, stop_tests) == (1, 0)
 
 
 @pytest.mark.parametrize("line", ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}"])
@@ -1030,10 +1030,10 @@ def test_what_somebody_types_behind_our_prompt_and_gets_refused_is_theirs_and_no
         port = Scripted(lambda typed, nth: (f"\r\n{theirs}" if typed == line else "") + usual(typed, nth))
         link = linked(port)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         with pytest.raises(Disturbed, match="DO SPEED 300 ALWAYS"):
             await link.move_straight(GOAL, start=START)
-        assert not link.stop_seen
+        assert not link.stop_tests
         return port.lines
 
     assert "DO MOVES GOAL" not in lived(story())
@@ -1047,7 +1047,7 @@ def test_a_second_prompt_to_a_line_before_a_move_keeps_the_move_back(line: str) 
         port = Scripted(usual, echo=False)
         link = linked(port, echo=False, prompt_silence_s=0.005)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         del port.lines[:]
 
         def types_as_well(typed: str, nth: int) -> str:
@@ -1077,11 +1077,11 @@ def test_the_stop_is_confirmed_however_prompts_are_printed_and_is_tried_as_it_is
         link = linked(port, echo=echo)
         await link.open()
         del port.lines[:]
-        await link.prove_stop()
+        await link.test_stop()
         tried = list(port.lines)
-        assert link.stop_seen
+        assert link.stop_tests
         del port.lines[:]
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
         return tried, port.lines
 
     tried, used = lived(story())
@@ -1150,8 +1150,8 @@ def test_a_controller_that_ends_no_line_before_its_prompt_behind_where_is_moved_
         link = linked(port)
         await link.open()
         await link.move(GOAL, start=START)
-        assert (await link.rest(GOAL)).location == GOAL
-        stopped = await link.abort()
+        assert (await link.wait_until_at_rest(GOAL)).location == GOAL
+        stopped = await link.stop_motion()
         assert stopped is not None
         assert stopped.location == GOAL
 
@@ -1176,7 +1176,7 @@ def test_an_asterisk_of_noise_in_where_is_asked_again_and_no_refusal(spoiled: tu
 
     assert "*" in starred
     for first in (0, 1):
-        assert lived(story(lambda link: link.abort(), first)).location == GOAL
+        assert lived(story(lambda link: link.stop_motion(), first)).location == GOAL
     assert lived(story(lambda link: link.where(), 0)).location == GOAL
 
 
@@ -1194,7 +1194,7 @@ def test_a_stop_whose_bytes_did_not_leave_a_port_that_was_changed_just_then_is_t
             writes(data)
 
         port.write = fails_once  # type: ignore[method-assign]
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
         assert b"ABORT" in failed[0]
         assert "ABORT" in port.lines
 

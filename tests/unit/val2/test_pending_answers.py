@@ -89,7 +89,7 @@ def test_an_answer_that_noise_took_from_a_stop_does_not_explain_another_s_lines_
             return usual(line, nth)
 
         link, dropped = await opened(Scripted(says))
-        await link.abort()
+        await link.stop_motion()
         await asyncio.sleep(30.0)
         await link.where()
         with pytest.raises(Disturbed, match="SPEED 250"):

@@ -112,7 +112,7 @@ def test_whoever_waits_for_the_end_of_a_motion_hears_at_once_that_the_port_was_c
         disturbed = list[str]()
         async with line.link() as link:
             link.disturbed = lambda: disturbed.append("beliefs void")
-            await link.prove_stop()
+            await link.test_stop()
             await link.command("SPEED 1")
             await link.command("DO DRIVE 1, 90, 1")
             breaking = asyncio.create_task(link.command("DO BREAK", timeout_s=600.0))
@@ -121,8 +121,8 @@ def test_whoever_waits_for_the_end_of_a_motion_hears_at_once_that_the_port_was_c
             with pytest.raises(Disturbed, match=TYPED_IN):
                 await asyncio.wait_for(breaking, 60.0)
             assert disturbed == ["beliefs void"]
-            assert not link.stop_seen
-            assert await link.abort() is not None
+            assert not link.stop_tests
+            assert await link.stop_motion() is not None
             await link.where()
 
     asyncio.run(scene())
@@ -135,7 +135,7 @@ def test_what_somebody_did_to_the_port_between_two_commands_is_reported_to_the_n
         line = arm_line(Manners())
         async with line.link() as link:
             stty_sane(line.server.port)
-            assert await link.abort() is not None
+            assert await link.stop_motion() is not None
             with pytest.raises(Disturbed, match=TYPED_IN):
                 await link.where()
             await link.where()

@@ -16,7 +16,7 @@ from tests.unit.val2.test_link import quick
 class Withheld:
     """A permission that lets nothing move."""
 
-    stop_seen = stop_answered = heard = 0
+    stop_tests = stop_answered = heard = 0
     stop_took_s = 0.0
     withheld = True
 

@@ -59,7 +59,7 @@ def test_whichever_byte_of_a_stop_is_spoiled_the_arm_rests_as_soon_as_without(
         controller, line, link = await under_way(prompt_after_move=prompt)
         controller.faults.line.append(LineFault("to_controller", harm, after=after))
         told_s = line.now_s()
-        await link.abort()
+        await link.stop_motion()
         assert controller.machine.at_rest()
         return controller.arm.rests_s - told_s
 
@@ -72,7 +72,7 @@ def test_a_stop_that_is_lost_whole_is_followed_by_another(prompt: Any) -> None:
         controller, line, link = await under_way(prompt_after_move=prompt)
         controller.faults.line.append(LineFault("to_controller", "drop", count=40))
         told_s = line.now_s()
-        await link.abort()
+        await link.stop_motion()
         return controller.arm.rests_s - told_s
 
     assert at_simulated_time(story()) < 3 * Dialect().resync_s
@@ -85,13 +85,13 @@ def test_a_stop_on_a_noisy_line_is_tried_until_rest_is_seen(seed: int) -> None:
         controller.faults.seed_noise(seed, rate=0.02)
         for _ in range(20):
             try:
-                await link.abort()
+                await link.stop_motion()
                 break
             except LinkError:
                 continue
         assert controller.machine.at_rest()
         controller.faults.noise_rate = 0.0
-        await link.abort()
+        await link.stop_motion()
         assert (await link.where()).location is not None
 
     at_simulated_time(story())
@@ -103,7 +103,7 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         controller, line, link = await under_way(Dialect(abort_word="HALT"), prompt_after_move=prompt)
         told_s = line.now_s()
         with pytest.raises(LinkError) as problem:
-            await link.abort()
+            await link.stop_motion()
         assert not controller.machine.at_rest(), "told while the arm still moves"
         if prompt == "start":
             assert line.now_s() - told_s < 0.5
@@ -113,8 +113,8 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         await asyncio.sleep(60.0)
         assert controller.machine.at_rest()
         with pytest.raises(StopWordRefused):
-            await link.abort()
-        assert not link.stop_seen
+            await link.stop_motion()
+        assert not link.stop_tests
 
     at_simulated_time(story())
 
@@ -130,7 +130,7 @@ def test_an_arm_that_still_moves_after_the_word_was_taken_is_told_again(monkeypa
     async def story() -> None:
         controller, _, link = await under_way()
         with pytest.raises(NoAnswer, match="still moves after ABORT"):
-            await link.abort()
+            await link.stop_motion()
         assert len(typed) >= 10
         assert max(np.diff(typed)) < Dialect().resync_s
         assert not controller.machine.at_rest()
@@ -144,15 +144,15 @@ def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_w
         line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD)), loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
-        assert not link.stop_seen
-        await link.prove_stop()
-        assert link.stop_seen
+        assert not link.stop_tests
+        await link.test_stop()
+        assert link.stop_tests
         await link.open()
-        assert not link.stop_seen
+        assert not link.stop_tests
         link.dialect = replace(link.dialect, abort_word="HALT")
         with pytest.raises(StopWordRefused, match="Illegal command"):
-            await link.prove_stop()
-        assert not link.stop_seen
+            await link.test_stop()
+        assert not link.stop_tests
 
     at_simulated_time(story())
 
@@ -167,9 +167,9 @@ def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_i
         controller, _, link = await under_way()
         monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
         with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Encoder fault\*`: remove the cause"):
-            await link.abort()
+            await link.stop_motion()
         assert controller.machine.at_rest()
-        assert link.stop_seen
+        assert link.stop_tests
 
     at_simulated_time(story())
 
@@ -200,15 +200,15 @@ def test_a_controller_that_has_no_zero_and_takes_the_stop_has_confirmed_it_so_th
         await link.open()
         await link.power_up()
         controller.machine.switch_arm_power_on()
-        assert await link.abort() is None
+        assert await link.stop_motion() is None
         await link.close()
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         with pytest.raises(ControllerError, match=r"\*Not calibrated\*"):
             await link.move(FAR)
         assert controller.machine.at_rest()
         await link.calibrate()
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
 
     at_simulated_time(story())
 
@@ -220,7 +220,7 @@ def test_an_arm_whose_controller_lost_its_zero_on_the_way_is_not_said_to_be_stop
 
     async def story() -> None:
         controller, line, link = await under_way(power_up=())
-        await link.abort()
+        await link.stop_motion()
         await link.speed(100.0)
         moving = asyncio.create_task(link.move(FAR))
         moving.add_done_callback(lambda task: task.exception())
@@ -229,7 +229,7 @@ def test_an_arm_whose_controller_lost_its_zero_on_the_way_is_not_said_to_be_stop
             controller.mishap(Mishap.POWER_CYCLED)
         assert not controller.machine.at_rest()
         told_s = line.now_s()
-        assert await link.abort() is None
+        assert await link.stop_motion() is None
         assert line.now_s() - told_s >= BRAKES_S
 
     at_simulated_time(story())
@@ -243,10 +243,10 @@ def test_a_stop_amid_cal_of_a_controller_that_refuses_where_until_then_ends_it_a
     async def story() -> None:
         controller, _, link = await under_way()
         controller.machine.calibrated = False
-        await link.abort()
+        await link.stop_motion()
         calibrating = asyncio.create_task(link.calibrate())
         await asyncio.sleep(2.0)
-        assert await link.abort() is None
+        assert await link.stop_motion() is None
         with pytest.raises(Preempted):
             await calibrating
         await asyncio.sleep(60.0)
@@ -262,7 +262,7 @@ def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_a
         opening = asyncio.create_task(link.open())
         await asyncio.sleep(0.0)
         await until_so(lambda: link.connected)
-        await link.abort()
+        await link.stop_motion()
         await opening
         assert controller.machine.at_rest()
         assert (await link.where()).joints_deg
@@ -274,12 +274,12 @@ def test_a_controller_that_was_switched_off_in_a_stop_is_believed_once_its_brake
     async def story() -> float:
         controller, line, link = await under_way()
         told_s = line.now_s()
-        stopping = asyncio.create_task(link.abort())
+        stopping = asyncio.create_task(link.stop_motion())
         await asyncio.sleep(0.0)
         controller.mishap(Mishap.POWER_CYCLED)
         assert await stopping is None
         assert link.question is not None
-        assert not link.stop_seen
+        assert not link.stop_tests
         return line.now_s() - told_s
 
     assert 0.5 < at_simulated_time(story()) < 1.0
@@ -296,7 +296,7 @@ def test_an_arm_exactly_where_it_was_sent_is_there_and_at_rest_however_little_it
         await link.move(FAR)
         there = (await link.still(60.0)).location
         await link.move(there)
-        assert (await link.rest(there)).location == there
+        assert (await link.wait_until_at_rest(there)).location == there
 
     at_simulated_time(story())
 
@@ -310,7 +310,7 @@ def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_
 
         link._type_abort = asks  # type: ignore[method-assign]
         with pytest.raises(NoAnswer):
-            await link.abort()
+            await link.stop_motion()
 
     at_simulated_time(story())
 
@@ -344,7 +344,7 @@ def test_a_program_that_asks_whether_to_go_on_is_no_controller_that_was_switched
                 send(b"EXEC PROG\r")
                 await asyncio.sleep(1.0)
         assert not controller.machine.at_rest()
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
         assert controller.machine.at_rest()
 
     at_simulated_time(story())
@@ -357,8 +357,8 @@ def test_a_controller_switched_off_after_a_person_typed_is_stopped_by_way_of_its
             controller.mishap(Mishap.POWER_CYCLED)
             await asyncio.sleep(0.1)
         assert link.question is not None
-        assert await link.abort() is not None
-        assert (link.question, link.stop_seen) == (None, True)
+        assert await link.stop_motion() is not None
+        assert (link.question, link.stop_tests) == (None, True)
         assert not controller.machine.arm_power
 
     at_simulated_time(story())
@@ -376,7 +376,7 @@ def test_a_stop_amid_the_yes_to_a_question_does_not_say_it() -> None:
         calibrating = asyncio.create_task(link.calibrate())
         while controller.half_typed != "Y":
             await asyncio.sleep(0.0005)
-        assert await link.abort() is not None
+        assert await link.stop_motion() is not None
         assert not any(text.startswith("Y") for text in controller.lines)
         with pytest.raises(Preempted):
             await calibrating
