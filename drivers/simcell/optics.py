@@ -1,6 +1,7 @@
 """Geometry of one simulated camera: points to pixels, pixels to rays, lens distortion."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -30,11 +31,20 @@ class LensCamera:
 
         Entry [v, u] belongs to the image point (u - 0.5, v - 0.5). Exact to 1e-7 of the focal length (float32).
         """
-        v, u = np.mgrid[0 : height + 1, 0 : width + 1] - 0.5
-        seen = np.column_stack([u.ravel(), v.ravel()]) - self.matrix[:2, 2]
-        seen = seen @ np.linalg.inv(self.matrix[:2, :2]).T
-        straight = undistort(seen, self.distortion)
-        return straight.reshape(height + 1, width + 1, 2).astype(np.float32)
+        return _directions(self.matrix.tobytes(), self.distortion.tobytes(), width, height)
+
+
+@lru_cache(maxsize=4)
+def _directions(matrix: bytes, distortion: bytes, width: int, height: int) -> Array32:
+    """What LensCamera.directions gives, read-only: the lenses of a cell that is built anew are those of the last one."""
+    inner = np.frombuffer(matrix).reshape(3, 3)
+    v, u = np.mgrid[0 : height + 1, 0 : width + 1] - 0.5
+    seen = np.column_stack([u.ravel(), v.ravel()]) - inner[:2, 2]
+    seen = seen @ np.linalg.inv(inner[:2, :2]).T
+    straight = undistort(seen, np.frombuffer(distortion))
+    found = straight.reshape(height + 1, width + 1, 2).astype(np.float32)
+    found.setflags(write=False)
+    return found
 
 
 def distort(straight: Array, coefficients: ArrayLike) -> Array:

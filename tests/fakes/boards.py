@@ -19,7 +19,7 @@ from daemon.vision.geometry import Camera
 BOARD = Board(9, 6, 10.0)
 PX_A_SQUARE = 240
 """Resolution of the drawing, in which usual marker widths and their modules are whole pixels."""
-WHITE, BLACK, AROUND = 215.0, 25.0, 150.0
+WHITE, BLACK, AROUND = 215, 25, 150
 
 
 def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
@@ -33,14 +33,14 @@ def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def drawing(board: Board) -> np.ndarray:
-    """The board as it is printed, PX_A_SQUARE px a square, with a white rim of one square."""
+    """The grey levels of the board as it is printed, PX_A_SQUARE px a square, with a white rim of one square."""
     if board.kind == "charuco":
         size = (board.columns + 1) * PX_A_SQUARE, (board.rows + 1) * PX_A_SQUARE
         inner = np.asarray(board.charuco().generateImage(size), np.uint8)
     else:
         squares = np.add.outer(np.arange(board.rows + 1), np.arange(board.columns + 1)) % 2
         inner = np.kron(squares * np.uint8(255), np.ones((PX_A_SQUARE, PX_A_SQUARE), np.uint8))
-    return np.pad(inner, PX_A_SQUARE, constant_values=255)
+    return np.where(np.pad(inner, PX_A_SQUARE, constant_values=255) > 127, np.uint8(WHITE), np.uint8(BLACK))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +59,10 @@ class Painter:
         """An image (height, width) uint8 of the board, lit a little unevenly."""
         width, height = self.image_size
         image = np.full((height, width), AROUND, np.float32)
-        (left, top), (right, bottom) = self._window(cyclopean_from_board)
-        steps = [
-            (np.arange(a * self.rays, b * self.rays) + 0.5) / self.rays - 0.5 for a, b in ((left, right), (top, bottom))
-        ]
-        px = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
-        grey = self._grey(px, frames.inverse(self.camera.cyclopean_from_camera) @ cyclopean_from_board)
-        image[top:bottom, left:right] = grey.reshape(bottom - top, self.rays, right - left, self.rays).mean(axis=(1, 3))
+        (left, top), (right, bottom) = (map(int, corner) for corner in self._window(cyclopean_from_board))
+        rays = self._rays(left, top, right, bottom)
+        grey = self._grey(rays, frames.inverse(self.camera.cyclopean_from_camera) @ cyclopean_from_board)
+        image[top:bottom, left:right] = cv2.resize(grey, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
         image *= np.linspace(0.85, 1.0, width, dtype=np.float32)
         image = cv2.GaussianBlur(image, (0, 0), self.blur_px) if self.blur_px > 0 else image
         return np.clip(np.round(image + rng.normal(0, self.noise, image.shape)), 0, 255).astype(np.uint8)
@@ -78,15 +75,22 @@ class Painter:
         low, high = np.floor(px.min(axis=0)).astype(int) - 2, np.ceil(px.max(axis=0)).astype(int) + 3
         return np.clip(low, 0, np.array(self.image_size) - 1), np.clip(high, 1, self.image_size)
 
-    def _grey(self, px: Array, camera_from_board: Array) -> np.ndarray:
-        met = np.column_stack([self.camera.normalised(px), np.ones(len(px))])
-        met = met @ np.linalg.inv(camera_from_board[:3, [0, 1, 3]]).T
-        drawn = drawing(self.board)
-        at = np.floor((met[:, :2] / met[:, 2:] / self.board.square_mm + 2.0) * PX_A_SQUARE).astype(int)
-        inside = ((at >= 0) & (at < drawn.shape[::-1])).all(axis=1)
-        grey = np.full(len(px), AROUND, np.float32)
-        grey[inside] = np.where(drawn[at[inside, 1], at[inside, 0]] > 127, WHITE, BLACK)
-        return grey
+    def _rays(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
+        """(H, W, 2) where the rays of these pixels meet the plane z = 1: at pixel centres by the lens, between them
+        linearly, which is within 0.0001 px."""
+        px = np.stack(np.meshgrid(np.arange(left - 1, right + 1), np.arange(top - 1, bottom + 1)), axis=-1)
+        met = self.camera.normalised(px.reshape(-1, 2).astype(float)).reshape(px.shape)
+        many, rim = self.rays, slice(self.rays, -self.rays)
+        return cv2.resize(met, None, fx=many, fy=many, interpolation=cv2.INTER_LINEAR)[rim, rim]
+
+    def _grey(self, rays: np.ndarray, camera_from_board: Array) -> np.ndarray:
+        """(H, W) float32 grey levels that the rays meet."""
+        to_print = np.diag([PX_A_SQUARE / self.board.square_mm] * 2 + [1.0])
+        to_print[:2, 2] = 2 * PX_A_SQUARE - 0.5  # the print's first square is that of the rim
+        x, y = cv2.split(cv2.perspectiveTransform(rays, to_print @ np.linalg.inv(camera_from_board[:3, [0, 1, 3]])))
+        to = x.astype(np.float32), y.astype(np.float32)
+        met = cv2.remap(drawing(self.board), *to, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=AROUND)
+        return np.asarray(met, np.float32)
 
 
 def tilted(board: Board, rng: np.random.Generator, distance_mm: float, aside_mm: float = 25.0) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -90,8 +91,9 @@ def ascii_stl(corners: np.ndarray, rings: list[tuple[int, ...]]) -> bytes:
     return "\n".join([*lines, "endsolid part"]).encode()
 
 
+@cache
 def solid(name: str, content: bytes, unit: str = "mm") -> Polyhedron:
-    """What a drawing is read as."""
+    """What a drawing is read as. Tests share it."""
     return solid_drawn(name, content, unit, load_facets())
 
 

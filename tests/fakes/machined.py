@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -17,8 +18,9 @@ from drivers.simcell.parts import PartShape
 from drivers.simcell.surface import DrawnSurface
 
 
+@cache
 def drawing(name: str, content: bytes) -> Drawing:
-    """What a drawing in mm is read as."""
+    """What a drawing in mm is read as. Tests share it."""
     return read_drawing(name, content, "mm", load_facets())
 
 

@@ -18,10 +18,12 @@ def scenes(kind: str) -> list[Path]:
     return found
 
 
-def taught(trainer: Trainer) -> list[str]:
+def taught(trainer: Trainer, *only: str) -> list[str]:
+    """Store the view of every part, or of those alone; returns their labels."""
     labels = []
     for scene in scenes("train"):
         label = rendered.truth(scene)["objects"][0]["label"]
-        trainer.store(label, *rendered.pair(scene), {})
-        labels.append(label)
+        if not only or label in only:
+            trainer.store(label, *rendered.pair(scene), {})
+            labels.append(label)
     return labels

@@ -199,13 +199,12 @@ def test_where_few_markers_are_wide_enough_the_others_are_read_in_the_enlarged_i
 
 
 def test_three_by_three_corners_of_any_pattern_are_no_board_of_that_size() -> None:
-    """OpenCV finds so many in noise, and by its own dice a row or two more."""
+    """OpenCV finds so many in noise, and by its own dice a row or two more: thrown so, 4 x 3."""
     noise = np.random.default_rng(3).integers(0, 255, (480, 640)).astype(np.uint8)
     noise = np.asarray(cv2.resize(noise, (1280, 960), interpolation=cv2.INTER_CUBIC), np.uint8)
-    for dice in range(4):
-        cv2.setRNGSeed(7919 * dice + 1)
-        with pytest.raises(BoardError, match="no 9x6 board in view: all its inner corners must show"):
-            find_board(noise, Board(9, 6, 16.0))
+    cv2.setRNGSeed(23758)
+    with pytest.raises(BoardError, match="no 9x6 board in view: all its inner corners must show"):
+        find_board(noise, Board(9, 6, 16.0))
 
 
 def test_a_charuco_board_whose_markers_hide_most_corners_of_a_chessboard_is_named() -> None:

@@ -61,7 +61,7 @@ def test_what_hangs_together_nowhere_is_not_told_to_be_so_many_parts(
 
 
 def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Trainer) -> None:
-    taught(trainer)
+    taught(trainer, "cube", "pyramid")
     (trainer.model_store.views()[0].folder / "left.png").write_bytes(b"")
     trained = trainer.train()
     assert len(trained.left_out) == 1
@@ -107,7 +107,7 @@ def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(traine
 
 def test_a_view_taught_after_a_forgotten_one_is_not_in_use_yet_whatever_the_clock_says(trainer: Trainer) -> None:
     """Its number had been given anew, and the clock decided: wrong for ever after it had been a day ahead."""
-    taught(trainer)
+    taught(trainer, "cube", "pyramid")
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
     last = trainer.model_store.views()[-1]
