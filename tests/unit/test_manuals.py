@@ -74,15 +74,15 @@ def test_every_argument_says_what_it_is() -> None:
     assert re.findall(r"^\| `.*` \|  \|$", COMMANDS.read_text(encoding="utf-8"), re.MULTILINE) == []
 
 
-@pytest.mark.parametrize("cause", CauseCode)
-def test_every_cause_has_its_row_in_trouble_with_what_to_do(cause: CauseCode) -> None:
-    rows = re.findall(r"^\| (.+?) \| \w+ \| (.+) \|$", TROUBLE.read_text(encoding="utf-8"), re.MULTILINE)
-    assert dict(rows)[cause.summary].lower() == cause.remedy.lower()
+def test_every_cause_has_its_row_in_trouble_with_what_to_do() -> None:
+    rows = dict(re.findall(r"^\| (.+?) \| \w+ \| (.+) \|$", TROUBLE.read_text(encoding="utf-8"), re.MULTILINE))
+    wrong = [c for c in CauseCode if rows.get(c.summary, "no row").lower() != c.remedy.lower()]
+    assert wrong == []
 
 
-@pytest.mark.parametrize("outcome", Outcome)
-def test_every_outcome_of_a_pick_is_explained(outcome: Outcome) -> None:
-    assert re.search(rf"^\| (?:`\w+`, )*`{outcome}`", PICK.read_text(encoding="utf-8"), re.MULTILINE)
+def test_every_outcome_of_a_pick_is_explained() -> None:
+    page = PICK.read_text(encoding="utf-8")
+    assert [one for one in Outcome if not re.search(rf"^\| (?:`\w+`, )*`{one}`", page, re.MULTILINE)] == []
 
 
 def anchors(page: Path) -> set[str]:
@@ -94,11 +94,11 @@ def anchors(page: Path) -> set[str]:
     )
 
 
-@pytest.mark.parametrize("page", MANUALS, ids=lambda page: str(page.relative_to(HOUSE)))
-def test_every_link_of_a_manual_leads_somewhere(page: Path) -> None:
+def test_every_link_of_a_manual_leads_somewhere() -> None:
     dead = []
-    for file, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text(encoding="utf-8")):
-        there = page.parent / file if file else page
-        if not there.exists() or (anchor and anchor not in anchors(there)):
-            dead.append((file, anchor))
+    for page in MANUALS:
+        for file, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text(encoding="utf-8")):
+            there = page.parent / file if file else page
+            if not there.exists() or (anchor and anchor not in anchors(there)):
+                dead.append((page.name, file, anchor))
     assert dead == []

@@ -106,11 +106,11 @@ def test_a_dot_that_starts_a_number_is_no_prompt() -> None:
     assert kinds(after(b"\r\n", b".", b"520 mm\r\n")) == ["Text"]
 
 
-@pytest.mark.parametrize("stop", range(1, len(WHERE_ANSWER)))
-def test_a_table_that_stalls_anywhere_shows_no_prompt(stop: int) -> None:
-    reader = Reader()
-    events = reader.receive(WHERE_ANSWER[:stop])
-    assert not any(isinstance(event, Prompt) for event in events + reader.silence())
+def test_a_table_that_stalls_anywhere_shows_no_prompt() -> None:
+    for stop in range(1, len(WHERE_ANSWER)):
+        reader = Reader()
+        events = reader.receive(WHERE_ANSWER[:stop])
+        assert not any(isinstance(event, Prompt) for event in events + reader.silence()), WHERE_ANSWER[:stop]
 
 
 def test_a_dot_in_a_stalled_number_is_no_prompt() -> None:
