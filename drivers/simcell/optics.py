@@ -36,7 +36,7 @@ class LensCamera:
 
 @lru_cache(maxsize=4)
 def _directions(matrix: bytes, distortion: bytes, width: int, height: int) -> Array32:
-    """What LensCamera.directions gives, read-only: the lenses of a cell that is built anew are those of the last one."""
+    """What LensCamera.directions gives, read-only: a cell that is built anew has the lenses of the one before."""
     inner = np.frombuffer(matrix).reshape(3, 3)
     v, u = np.mgrid[0 : height + 1, 0 : width + 1] - 0.5
     seen = np.column_stack([u.ravel(), v.ravel()]) - inner[:2, 2]

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -116,10 +115,7 @@ def cluster(tmp_path: Path, workers: int) -> Iterator[tuple[str, list[subprocess
     running = [process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
                        "--no-show", "--scheduler-file", str(told))]  # fmt: skip
     try:
-        deadline = time.monotonic() + 120
-        while not told.exists() or not told.read_text().strip():
-            assert time.monotonic() < deadline, "no scheduler"
-            time.sleep(0.1)
+        until(lambda: told.exists() and told.read_text().strip(), "the scheduler")
         address = json.loads(told.read_text())["address"]
         for number in range(workers):
             running.append(process("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from daemon.frontends.client import DaemonLink
+from tests.fakes import waiting
 from tests.fakes.running import Running
 from tests.fakes.set_downs import drawing
 
@@ -23,7 +23,6 @@ SIGNALS = """signals:
   done: {number: 2, role: part_done}
   fault: {number: 3, role: fault}
 """
-LONGEST_S = 240.0
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +41,13 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 
 def until(daemon: Running, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    ends_s = time.monotonic() + LONGEST_S
-    while time.monotonic() < ends_s:
-        status: dict[str, Any] = daemon.do("status")["data"]
-        if holds(status):
-            return status
-        time.sleep(0.1)
-    raise AssertionError(f"not within {LONGEST_S:g} s: {status}")
+    def status() -> dict[str, Any] | None:
+        said: dict[str, Any] = daemon.do("status")["data"]
+        return said if holds(said) else None
+
+    found = waiting.until(status, "such a status")
+    assert found is not None
+    return found
 
 
 def typed(daemon: Running) -> str:

@@ -29,6 +29,7 @@ from tests.fakes.first_day import answer_to, lives_through
 from tests.fakes.made_run import quiet
 from tests.fakes.person import Person
 from tests.fakes.running import Running
+from tests.fakes.waiting import until
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3000)]
 
@@ -287,10 +288,7 @@ class Operator:
             self.until(lambda: not self.status()["doing"])
 
     def until(self, so: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not so():
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+        until(so, "what it is to come to", PATIENCE_S)
 
 
 @pytest.fixture

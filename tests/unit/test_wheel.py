@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from daemon.store.folders import HOUSE
+from tests.fakes.waiting import until
 
 SOURCES = ("daemon", "drivers", "etc", "pyproject.toml", "README.md", "LICENSE")
 BUILD = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
@@ -90,9 +90,7 @@ def test_what_a_wheel_unpacks_to_is_a_simulated_cell_by_itself(unpacked: Path) -
     daemon = subprocess.Popen(words("main", "--sim"), cwd=unpacked, env=surroundings(unpacked), stderr=subprocess.PIPE)
     try:
         socket = unpacked / ".local/state/facetd/facetd.sock"
-        until = time.monotonic() + 60.0
-        while not socket.exists() and daemon.poll() is None and time.monotonic() < until:
-            time.sleep(0.1)
+        until(lambda: socket.exists() or daemon.poll() is not None, "the socket")
         answer = ask(unpacked, "ctl", "--json", "status")
         assert answer.returncode == 0, answer.stderr
         assert json.loads(answer.stdout)["status"] == 0, answer.stdout

@@ -7,7 +7,6 @@ import math
 import socket
 import sys
 import threading
-import time
 import urllib.request
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +15,7 @@ import pytest
 
 from daemon.maintenance.metrics import MOST_SCRAPES, MetricsServer
 from daemon.store.yamlfile import ConfigError
+from tests.fakes.waiting import until
 
 pytest.importorskip("prometheus_client")
 
@@ -125,16 +125,16 @@ def test_who_says_a_byte_now_and_then_keeps_nobody_from_a_scrape_for_ever(
     server.open()
     try:
         slow = [socket.create_connection(("127.0.0.1", port), 5) for _ in range(MOST_SCRAPES)]
-        ends_s = time.monotonic() + 60.0
-        answered = False
-        while not answered and time.monotonic() < ends_s:
+
+        def scraped() -> bool:
             for one in slow:
                 with contextlib.suppress(OSError):
                     one.send(b"G")
-            time.sleep(0.2)
             with contextlib.suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=5) as answer:
-                answered = answer.status == 200
-        assert answered
+                return bool(answer.status == 200)
+            return False
+
+        until(scraped, "an answer to a scrape")
         for one in slow:
             one.close()
     finally:

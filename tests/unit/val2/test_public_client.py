@@ -22,7 +22,7 @@ import yaml
 from daemon.store import folders
 from drivers.puma560 import NEST_RAD, READY_RAD, forward
 from drivers.val2.location import Location, apart, location_from_matrix
-from tests.fakes.waiting import PATIENCE_S
+from tests.fakes.waiting import PATIENCE_S, until
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?")
 SILENCE_S = 0.1
@@ -174,9 +174,7 @@ def test_a_cold_start_is_brought_up_as_a_client_written_elsewhere_does(path: Pat
     client.types("cal")
     answer = client.types("y")
     assert b"*Arm power off*" in answer
-    time.sleep(0.3)
-    client.types("cal")
-    assert b"*" not in client.types("y")
+    until(lambda: client.types("cal") and b"*" not in client.types("y"), "arm power")
     client.types("do ready")
     client.types("do break")
     np.testing.assert_allclose(client.where()[1], np.degrees(READY_RAD), atol=1e-3)
@@ -188,9 +186,9 @@ def test_a_public_driver_s_start_up_comes_to_its_end(path: Path) -> None:
     """`cal`, `y`, `do ready`, LF CR behind each; over when a dot stands directly behind a dot."""
     program = Program(path, "--time-scale", "20", "--line-ends", "both")
     client = PlainClient(path)
-    for text, until in (("cal", b"? "), ("y", b".."), ("do ready", b"..")):
+    for text, last in (("cal", b"? "), ("y", b".."), ("do ready", b"..")):
         client.sends(text)
-        client.reads_up_to(until)
+        client.reads_up_to(last)
     client.travels_to(location_from_matrix(forward(READY_RAD)))
     client.close()
     program.ends()
