@@ -714,7 +714,6 @@ def test_an_arm_that_is_not_seen_at_rest_is_told_to_stop_eight_times_before_the_
         began_s = asyncio.get_running_loop().time()
         await supervisor.stop()
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(ABORT_S, abs=0.1)
-        supervisor._stopping._task.cancel()
 
     lived(story())
     assert 8 <= len(told) <= 9
@@ -1083,8 +1082,8 @@ def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed(
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.stop("by ann"))
-        await until_so(lambda: supervisor._stopping._task is not None)
-        supervisor._stopping._task.cancel()
+        (sending,) = await until_so(lambda: [task for task in asyncio.all_tasks() if task.get_name() == "stop"])
+        sending.cancel()
         assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
     lived(story())
@@ -1317,12 +1316,7 @@ def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
     _, supervisor, _ = supervised()
     supervisor.mover.cell.robot.stop_motion = asyncio.Event().wait
 
-    async def story() -> str | None:
-        alarm = await supervisor.stop("by hand")
-        supervisor._stopping._task.cancel()
-        return alarm
-
-    alarm = lived(story())
+    alarm = lived(supervisor.stop("by hand"))
     assert alarm is not None
     assert alarm.startswith("stopped by hand; NOT CONFIRMED: no answer: press the emergency stop")
 
@@ -1344,12 +1338,7 @@ def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
     world, supervisor, _ = supervised()
     failing_aborts(world, error, 100)
 
-    async def story() -> str | None:
-        alarm = await supervisor.stop("by hand")
-        supervisor._stopping._task.cancel()
-        return alarm
-
-    alarm = lived(story())
+    alarm = lived(supervisor.stop("by hand"))
     assert alarm is not None
     assert f"NOT CONFIRMED: {told}: press" in alarm
 
@@ -1467,5 +1456,5 @@ def test_how_long_a_stop_may_take_is_told_once_the_controller_has_answered_it_an
     world.before = hook
     assert supervisor.awaits_confirmation_s is None
     lived(supervisor.stop("by hand"))
-    assert told == [None, supervisor._stopping.within_s]
+    assert told == [None, ABORT_S]
     assert supervisor.awaits_confirmation_s is None
