@@ -16,7 +16,7 @@ import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
-from unittest.mock import AsyncMock, Mock
+from unittest.mock import AsyncMock, MagicMock, Mock
 
 import pytest
 
@@ -24,7 +24,7 @@ from daemon.commands import every_command
 from daemon.config import ConsoleSettings, SerialTerminalSettings
 from daemon.console.interpreter import CommandError, CommandResult, ConsoleCommand, Interpreter
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
-from daemon.frontends.command_queue import MOST_WAITING
+from daemon.frontends.command_queue import MOST_WAITING, Interrupt
 from daemon.frontends.line_editor import CLEAR_TO_END
 from daemon.frontends.rights import FrontendError, Rights
 from daemon.frontends.serial_terminal import SerialFrontend
@@ -36,7 +36,6 @@ from daemon.frontends.socket_server import (
     MOST_TOGETHER,
     STOP_S,
     SocketFrontend,
-    SocketMessage,
     SocketServer,
 )
 from daemon.store.folders import HOUSE
@@ -918,22 +917,30 @@ def test_who_never_reads_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert listening(tmp_path, use) == 6, "their own ends"
 
 
-def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
-    """Each costs no more than the one before it."""
-    operator = SocketFrontend(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
-
-    async def come() -> bytes:
-        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
-        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
-        file = asyncio.create_task(operator.fetch("part.stl"))
+async def told_to(
+    messages: bytes, work: Callable[[SocketFrontend], Awaitable[Any]], interrupt: Interrupt | None = None
+) -> Any:
+    """What the work gives that a connection does whose other end sends these messages and goes away."""
+    reader, writer = asyncio.StreamReader(), Mock(drain=AsyncMock())
+    writer.transport.get_write_buffer_size.return_value = 0
+    here, gone = socket.socketpair()
+    gone.close()
+    with here:
+        writer.get_extra_info.return_value = here
+        operator = SocketFrontend(reader, writer, MagicMock(), interrupt or Mock(), Mock(), "all")
+        listens, working = asyncio.create_task(operator.listen()), asyncio.ensure_future(work(operator))
         await asyncio.sleep(0)
-        for _ in range(20_000):
-            operator._handle(SocketMessage(file="", more=True))
-        operator._handle(SocketMessage(file="QQ=="))
-        return await file
+        reader.feed_data(messages)
+        reader.feed_eof()
+        await listens
+        return await working
 
+
+def test_a_file_may_come_in_pieces_of_nothing() -> None:
+    """Each costs no more than the one before it."""
+    pieces = b'{"file": "", "more": true}\n' * 20_000 + b'{"file": "QQ=="}\n'
     began_s = time.thread_time()
-    assert asyncio.run(come()) == b"A"
+    assert asyncio.run(told_to(pieces, lambda operator: operator.fetch("part.stl"))) == b"A"
     assert time.thread_time() - began_s < 5.0
 
 
@@ -977,7 +984,8 @@ def test_who_is_connected_when_the_frontend_closes_is_hung_up(tmp_path: Path) ->
         server = SocketServer(tmp_path / "s", EVERYBODY, Interpreter(context, every_command()), interrupter(context))
         await server.open()
         reader, writer = await asyncio.open_unix_connection(tmp_path / "s")
-        await until_so(lambda: server._operators)
+        writer.write(b'{"complete": "stat"}\n')
+        assert b"status" in await reader.readline()
         await server.close()
         assert await asyncio.wait_for(reader.read(), PATIENCE_S) == b""
         writer.close()
@@ -1026,38 +1034,29 @@ def test_what_is_said_out_of_turn_is_passed_over_and_what_says_nothing_refused(
 
 
 def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_it() -> None:
-    operator = SocketFrontend(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
+    def come(pieces: bytes) -> bytes:
+        return bytes(asyncio.run(told_to(pieces, lambda operator: operator.fetch("part.stl"))))
 
-    async def come(*pieces: SocketMessage) -> bytes:
-        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
-        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
-        file = asyncio.create_task(operator.fetch("part.stl"))
-        await asyncio.sleep(0)
-        for piece in pieces:
-            operator._handle(piece)
-        operator.leave()
-        return await file
-
-    assert asyncio.run(come(SocketMessage(file="QQ=="))) == b"A", "it was all there before"
-    operator._queue.disconnected = False
+    assert come(b'{"file": "QQ=="}\n') == b"A", "it was all there before"
     with pytest.raises(CommandError, match="the operator disconnected"):
-        asyncio.run(come(SocketMessage(file="QQ==", more=True)))
+        come(b'{"file": "QQ==", "more": true}\n')
     with pytest.raises(CommandError, match="the operator disconnected"):
-        asyncio.run(come())
+        come(b"")
 
 
 def test_a_closed_socket_has_let_go_of_everybody(tmp_path: Path) -> None:
     context = fake_context(tmp_path)
 
     async def serve() -> None:
+        before = asyncio.all_tasks()
         server = SocketServer(tmp_path / "s", EVERYBODY, Interpreter(context, every_command()), interrupter(context))
         await server.open()
-        _, writer = await asyncio.open_unix_connection(tmp_path / "s")
-        writer.write(b'{"notices": true}\n')
-        operators = await until_so(lambda: [*server._operators])
+        reader, writer = await asyncio.open_unix_connection(tmp_path / "s")
+        writer.write(b'{"notices": true}\n{"complete": "stat"}\n')
+        assert b"status" in await reader.readline()
         await server.close()
         await server.close()
-        assert all(operator.done() for operator in operators)
+        assert asyncio.all_tasks() == before
         assert not (tmp_path / "s").exists()
         writer.close()
 
@@ -1065,20 +1064,16 @@ def test_a_closed_socket_has_let_go_of_everybody(tmp_path: Path) -> None:
 
 
 def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
-    here, gone = socket.socketpair()
-    gone.close()
-    writer = Mock(get_extra_info=lambda _: here)
-    operator, done = SocketFrontend(Mock(), writer, Mock(), Mock(), Mock(), "all"), []
+    done = []
 
-    async def command() -> None:
-        await asyncio.sleep(0)
-        done.append("the command")
+    async def stop(*_: object) -> str:
+        for _ in range(5):
+            await asyncio.sleep(0)
+        done.append("the stop")
+        return "Stopped."
 
-    async def serve() -> None:
-        operator._next_line = AsyncMock(return_value=b"")  # type: ignore[method-assign]
-        operator._queue.start_now(command)
-        await operator.listen()
+    async def nothing(_: SocketFrontend) -> None:
+        """They began it by what they sent."""
 
-    with here:
-        asyncio.run(serve())
-    assert done == ["the command"]
+    asyncio.run(told_to(b'{"interrupt": true}\n', nothing, stop))
+    assert done == ["the stop"]
