@@ -40,12 +40,13 @@ def regrasping(label, side, allowed, **more):
     return Regrasping(shape, Destination([goal]), SETTINGS, ON_HAND, allowed, rig(), **more)
 
 
-def over_plan(reach, **more):
+@pytest.fixture(scope="module")
+def over_plan(reach):
     """A pair of sides of the pentagonal prism that takes two grasps, and its plan."""
     shape = shape_of("pentagonal_prism")
     for a in stable_sides(shape):
         for b in stable_sides(shape):
-            asked = regrasping("pentagonal_prism", b, reach.allows_each, **more)
+            asked = regrasping("pentagonal_prism", b, reach.allows_each)
             steps = asked.plan(start_on(shape, a))
             if not isinstance(steps, NoPlan) and len(steps) > 1:
                 return a, b, asked, steps
@@ -79,8 +80,8 @@ def test_every_pair_of_sides_that_brute_force_finds_a_way_between_is_planned(lab
         assert 1 <= len(steps) <= MOST_GRASPS
 
 
-def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the_one_before_laid_it(reach):
-    a, b, asked, steps = over_plan(reach)
+def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the_one_before_laid_it(over_plan, reach):
+    a, b, asked, steps = over_plan
     shape, pose = asked.shape, start_on(asked.shape, a)
     for number, step in enumerate(steps, start=1):
         centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
@@ -97,8 +98,8 @@ def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the
     assert any(np.allclose(pose, each) for each in goal_on("pentagonal_prism", shape, b).poses)
 
 
-def test_a_part_that_was_laid_down_is_taken_by_a_grasp_that_was_found_for_the_side_it_lies_on(reach):
-    _, _, asked, steps = over_plan(reach)
+def test_a_part_that_was_laid_down_is_taken_by_a_grasp_that_was_found_for_the_side_it_lies_on(over_plan):
+    _, _, asked, steps = over_plan
     for before, step in pairwise(steps):
         pose = before.way.pose
         side = int(np.argmax([pose[2, :3] @ lying[2, :3] for lying in asked.table.lying]))
@@ -107,8 +108,8 @@ def test_a_part_that_was_laid_down_is_taken_by_a_grasp_that_was_found_for_the_si
         assert side in asked.table.side[same]
 
 
-def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_gets_to(reach):
-    _, _, asked, steps = over_plan(reach)
+def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_gets_to(over_plan, reach):
+    _, _, asked, steps = over_plan
     way, shape = steps[0].way, asked.shape
     looks = np.stack([*looks_round(way.goal.centre, SETTINGS, ON_HAND)])
     allowed = reach.allows_each(looks)
@@ -140,16 +141,16 @@ def test_of_a_part_in_the_gripper_as_much_shows_as_both_cameras_have_of_the_edge
     assert shown(needle, 0.0, 400.0, (np.pi / 2, 0.0, 0.0)) == 1.0
 
 
-def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(reach):
-    a, _, asked, steps = over_plan(reach)
+def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(over_plan):
+    a, _, asked, steps = over_plan
     fewer = asked.plan(start_on(asked.shape, a), len(steps) - 1)
     assert isinstance(fewer, NoPlan)
     assert fewer.code == "no_way_to_place"
     assert re.fullmatch(r"none of its \d+ grasps in reach can set it down at nest as it is to lie there", fewer.why)
 
 
-def test_a_place_that_the_arm_does_not_get_to_is_told_as_one_where_no_grasp_sets_the_part_down(reach):
-    a, b, asked, _ = over_plan(reach)
+def test_a_place_that_the_arm_does_not_get_to_is_told_as_one_where_no_grasp_sets_the_part_down(over_plan, reach):
+    a, b, asked, _ = over_plan
     nest = asked.destination.goals[0].centre
 
     def not_there(poses):
@@ -159,8 +160,8 @@ def test_a_place_that_the_arm_does_not_get_to_is_told_as_one_where_no_grasp_sets
     assert why.startswith("no grasp, on whichever side it lies, can set it down at nest")
 
 
-def test_nothing_is_laid_where_no_look_has_shown_the_table(reach, monkeypatch):
-    a, _, asked, steps = over_plan(reach)
+def test_nothing_is_laid_where_no_look_has_shown_the_table(over_plan, reach, monkeypatch):
+    a, _, asked, steps = over_plan
     laid = steps[0].way.goal.centre[:2]
     cameras = (np.array([300.0, -30.0, 200.0]), np.array([300.0, 30.0, 200.0]))
     shown = {"none": lambda point: False, "the other half": lambda point: point[1] > laid[1] + 40.0}
@@ -176,8 +177,8 @@ def test_nothing_is_laid_where_no_look_has_shown_the_table(reach, monkeypatch):
             assert corners[:, 1].min() > laid[1] + 40.0
 
 
-def test_what_lies_on_the_table_is_laid_on_by_no_part_and_struck_by_no_hand(reach):
-    a, _, asked, steps = over_plan(reach)
+def test_what_lies_on_the_table_is_laid_on_by_no_part_and_struck_by_no_hand(over_plan, reach):
+    a, _, asked, steps = over_plan
     there = steps[0].way.goal.corners
     again = Regrasping(asked.shape, asked.destination, SETTINGS, ON_HAND, reach.allows_each, rig(), (there,))
     found = again.plan(start_on(asked.shape, a))
@@ -189,8 +190,8 @@ def test_what_lies_on_the_table_is_laid_on_by_no_part_and_struck_by_no_hand(reac
         assert again.beside.clear(np.stack([step.way.at for step in found]), SETTINGS.limits).all()
 
 
-def test_no_place_of_the_cell_is_laid_on(reach):
-    a, _, asked, steps = over_plan(reach)
+def test_no_place_of_the_cell_is_laid_on(over_plan, reach):
+    a, _, asked, steps = over_plan
     reserved = Destination(asked.destination.goals, (), [steps[0].way.goal.corners])
     again = Regrasping(asked.shape, reserved, SETTINGS, ON_HAND, reach.allows_each, rig())
     found = again.plan(start_on(asked.shape, a))
