@@ -129,17 +129,17 @@ def named_by_edges(
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
     chances = max(by_facets.tested, fewest)
-    registered = _by_odds(register_near(search, by_facets.likely))
+    registered = _by_odds(register_near(search, by_facets.hypotheses))
     registered = with_competing(search, registered, by_facets.competing, chances)
     found = accept_hypotheses(search, registered, chances, spent).named
     if found and enough(found):
         return NamedByEdges(found, (), (), complete=True)
     tested, left_out = 0, tuple[str, ...]()
     for hypotheses_of in (hypotheses_from_junctions, hypotheses_on_support):
-        likely, of, unasked, competing = hypotheses_of(search, spent)
+        hypotheses, of, unasked, competing = hypotheses_of(search, spent)
         tested += of
         chances = max(tested, fewest)
-        fresh = _by_odds(register_near(search, likely))
+        fresh = _by_odds(register_near(search, hypotheses))
         if spent() < SEARCHED:
             fresh += register_near(search, undecided_poses(fresh, chances, images))
         registered = _by_odds([*registered, *fresh])

@@ -1,7 +1,7 @@
-"""A taught part laid onto both images at a likely place, and what its edges show there.
+"""A taught part registered on both images at a hypothetical pose, and what its edges show there.
 
-In: likely parts and places. Out: parts laid where their edges lie, with the evidence for each. Whether one of them is
-there is by_edges.py's.
+In: hypotheses. Out: parts where their edges lie, with the evidence for each. Whether one of them is there is
+by_edges.py's.
 """
 
 from __future__ import annotations
@@ -98,26 +98,26 @@ def _but_for(seen: EdgeSamples, solid: Polyhedron, hidden: Flags) -> EdgeSamples
     return replace(seen, visible=seen.visible & ~own)
 
 
-def register_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
-    """Parts laid where their edges lie, near likely places."""
-    if not likely:
+def register_near(search: Search, hypotheses: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
+    """Move each hypothesis to where both images have its edges, and register it there."""
+    if not hypotheses:
         return
-    laid = SolidBatch.of([search.model.metric[one.label].solid for one in likely])
+    batch = SolidBatch.of([search.model.metric[one.label].solid for one in hypotheses])
     tolerance = search.model.parameters.tolerance_mm
-    poses = aligned_to_edges(laid, search.images, np.stack([one.pose for one in likely]), tolerance)
-    yield from register_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
+    poses = aligned_to_edges(batch, search.images, np.stack([one.pose for one in hypotheses]), tolerance)
+    yield from register_at(search, [one._replace(pose=pose) for one, pose in zip(hypotheses, poses, strict=True)])
 
 
-def register_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
-    """Parts laid where they are said to be."""
+def register_at(search: Search, hypotheses: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
+    """Sample both images along the edges of each hypothesis at its own pose."""
     images, model, ground = search.images, search.model, search.ground
-    solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
-    laid, tolerance = SolidBatch.of(solids), model.parameters.tolerance_mm
-    seen = edge_samples_of(laid, images, poses, tolerance)
-    corners = laid.corners_mm @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
+    solids, poses = [model.metric[one.label].solid for one in hypotheses], np.stack([one.pose for one in hypotheses])
+    batch, tolerance = SolidBatch.of(solids), model.parameters.tolerance_mm
+    seen = edge_samples_of(batch, images, poses, tolerance)
+    corners = batch.corners_mm @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
     left_px = images.left.rectified.camera.project(corners).reshape(*corners.shape[:2], 2)
-    for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
-        own = seen[0].only(k, laid), seen[1].only(k, laid)
+    for k, (one, solid, pose) in enumerate(zip(hypotheses, solids, poses, strict=True)):
+        own = seen[0].only(k, batch), seen[1].only(k, batch)
         rests = None if ground is None else lies_on_support(ground, solid, pose)
         yield RegisteredPart(search, one.label, solid, pose, own, EdgeEvidence.of(own), left_px[k], one.tested, rests)
 

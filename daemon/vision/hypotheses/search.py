@@ -94,7 +94,7 @@ class RankedHypotheses(NamedTuple):
     """The likeliest parts and places, of how many tested; what there was no time to ask; and competing: other parts
     that could be at those places, which matter only where one of the likeliest may be named."""
 
-    likely: Sequence[EdgeHypothesis]
+    hypotheses: Sequence[EdgeHypothesis]
     tested: int
     left_out: tuple[str, ...] = ()
     competing: Sequence[EdgeHypothesis] = ()

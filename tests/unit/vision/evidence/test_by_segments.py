@@ -96,7 +96,7 @@ def _in_both(facet):
 @cache
 def all_registered(name: str) -> tuple[RegisteredPart, ...]:
     there = scene(name)
-    return tuple(register_near(there, hypotheses_from_junctions(there, lambda: 0.0).likely))
+    return tuple(register_near(there, hypotheses_from_junctions(there, lambda: 0.0).hypotheses))
 
 
 def scene(name: str, groups: Sequence[Group] = ()) -> Search:
@@ -255,7 +255,7 @@ def test_other_parts_are_laid_at_a_place_only_where_something_there_may_have_a_n
 def test_beyond_a_few_at_one_place_others_are_but_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "PER_PLACE", 1)
     few = hypotheses_from_junctions(scene("cube"), lambda: 0.0)
-    assert [one.label for one in few.likely] == [one.label for one in few.competing] == ["cube"]
+    assert [one.label for one in few.hypotheses] == [one.label for one in few.competing] == ["cube"]
 
 
 def test_of_two_parts_that_could_be_at_one_place_both_are_laid_however_many_poses_of_the_first_fit_better(
@@ -269,7 +269,7 @@ def test_of_two_parts_that_could_be_at_one_place_both_are_laid_however_many_pose
         both = learn_view(both, seen, "twin")
     here = replace(scene("cube"), model=both)
     monkeypatch.setattr(search, "PER_PLACE", 1)
-    assert sorted(one.label for one in hypotheses_from_junctions(here, lambda: 0.0).likely) == ["cube", "twin"]
+    assert sorted(one.label for one in hypotheses_from_junctions(here, lambda: 0.0).hypotheses) == ["cube", "twin"]
 
 
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
