@@ -47,19 +47,19 @@ class UnansweredError(NotSentError):
 class NotAtTargetError(FacetdError):
     """The controller reports that the arm stopped away from its target, or in another configuration than planned."""
 
-    code = "arm_not_there"
+    code = CauseCode.ARM_NOT_THERE
 
 
 class MovedByOthersError(NotAtTargetError):
     """The arm is no longer where it came to rest, and facetd did not move it; nothing was sent."""
 
-    code = "moved_by_others"
+    code = CauseCode.MOVED_BY_OTHERS
 
 
 class OutOfReachError(NotSentError):
     """The arm cannot reach the pose in its present configuration; nothing was sent."""
 
-    code = "out_of_reach"
+    code = CauseCode.OUT_OF_REACH
 
 
 CONFIGURATION_DEG = 5.0

@@ -13,12 +13,13 @@ from daemon.arm.guard import MoveCommand
 from daemon.arm.permission import MotionPermission
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from daemon.events.codes import CauseCode
 
 
 class StopRefusedError(FacetdError):
     """The controller does not accept the stop command."""
 
-    code = "controller_refused"
+    code = CauseCode.CONTROLLER_REFUSED
 
 
 class HeldBackError(FacetdError):
