@@ -251,7 +251,8 @@ def _confirmed_fit(shape: Polyhedron, images: StereoImages, start: Array) -> tup
         return None
     fit, observed = refine_from_pose(shape, images, start, TOLERANCE_MM, samples)
     clear = [_clear_edges(seen, view) for seen, view in zip(observed, images.views, strict=True)]
-    if not fit.matched or _fraction_of_length(observed, clear) < LEAST_CLEAR:
+    outline = min(_outline_fraction(seen.edges, seen.on_place & seen.edges.sharp) for seen in observed)
+    if not fit.matched or outline < LEAST_OUTLINE or _fraction_of_length(observed, clear) < LEAST_CLEAR:
         return None
     return fit, _fraction_of_length(observed, [seen.on_place for seen in observed])
 
