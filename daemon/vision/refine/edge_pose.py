@@ -212,18 +212,22 @@ def refine_from_pose(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def fit_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Fit | None:
+def fit_by_edges(
+    shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float, least_outline: float = LEAST_OUTLINE
+) -> Fit | None:
     """Fit the pose cyclopean_from_part (4, 4) of a part within reach_mm of `near`, by edges, arcs and rims of holes;
-    None if the images do not confirm it. Fit.matched counts edges.
+    None if the images do not confirm it. Fit.matched counts edges. least_outline: fraction of the outline that must be
+    in place in each camera.
 
     Begins where stretches of edges lead; unless nearly all edges then lie in place, also where straight lines within
     reach do. The first goes wrong beside strong print, the second where a part has many short edges: the fit with more
     edges in place is taken.
     """
-    best = _confirmed_fit(shape, images, aligned_to_edges(SolidBatch.of([shape]), images, near[None], TOLERANCE_MM)[0])
+    aligned = aligned_to_edges(SolidBatch.of([shape]), images, near[None], TOLERANCE_MM)[0]
+    best = _confirmed_fit(shape, images, aligned, least_outline)
     if best is None or best[1] < IN_PLACE:
         found = locate_by_edges(shape, images, near, reach_mm)
-        other = None if found is None else _confirmed_fit(shape, images, found.pose)
+        other = None if found is None else _confirmed_fit(shape, images, found.pose, least_outline)
         best = max((each for each in (best, other) if each is not None), key=lambda each: each[1], default=None)
     return None if best is None else best[0]
 
@@ -243,7 +247,9 @@ def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, rea
     return left, right
 
 
-def _confirmed_fit(shape: Polyhedron, images: StereoImages, start: Array) -> tuple[Fit, float] | None:
+def _confirmed_fit(
+    shape: Polyhedron, images: StereoImages, start: Array, least_outline: float
+) -> tuple[Fit, float] | None:
     """The fit from a pose (4, 4), and the fraction of edge length in place; None if too little of the edges shows, or
     they are too faint to be a part's."""
     samples = edge_samples_of(SolidBatch.of([shape]), images, start[None], TOLERANCE_MM)
@@ -252,7 +258,7 @@ def _confirmed_fit(shape: Polyhedron, images: StereoImages, start: Array) -> tup
     fit, observed = refine_from_pose(shape, images, start, TOLERANCE_MM, samples)
     clear = [_clear_edges(seen, view) for seen, view in zip(observed, images.views, strict=True)]
     outline = min(_outline_fraction(seen.edges, seen.on_place & seen.edges.sharp) for seen in observed)
-    if not fit.matched or outline < LEAST_OUTLINE or _fraction_of_length(observed, clear) < LEAST_CLEAR:
+    if not fit.matched or outline < least_outline or _fraction_of_length(observed, clear) < LEAST_CLEAR:
         return None
     return fit, _fraction_of_length(observed, [seen.on_place for seen in observed])
 
