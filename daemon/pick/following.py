@@ -120,8 +120,8 @@ def fitted(target: Target, look: Look) -> Fit | None:
     found = [fit for fit in (*named, by_facets) if fit is not None]
     if not found:
         return None
-    borne_out = [_edge_fraction(target.shape, look.taken.stereo, fit.cyclopean_from_part) for fit in found]
-    likely = [fit for fit, fraction in zip(found, borne_out, strict=True) if fraction >= AS_LIKELY * max(borne_out)]
+    fractions = [_edge_fraction(target.shape, look.taken.stereo, fit.cyclopean_from_part) for fit in found]
+    likely = [fit for fit, fraction in zip(found, fractions, strict=True) if fraction >= AS_LIKELY * max(fractions)]
     start = min(likely, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     return by_edges(target.shape, look.taken, start.cyclopean_from_part, FACETS_REACH_MM) or start
 
