@@ -32,7 +32,7 @@ from daemon.config import TOOL, Config, Matrix4, load_config
 from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import Interpreter
 from daemon.console.notices import NoticeLevel
-from daemon.console.phrases import as_left
+from daemon.console.phrases import describe_interruption
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
 from daemon.frontends.rights import FrontendError, Rights
@@ -52,7 +52,7 @@ from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
 from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
-from daemon.store.recovery_state import FILE, RecoveryFile, left_behind
+from daemon.store.recovery_state import FILE, RecoveryFile, read_interrupted_state
 from daemon.store.runlog import RunLog
 from daemon.store.runs import enforce_quota, list_runs, new_folder
 from daemon.store.yamlfile import ConfigError
@@ -217,7 +217,7 @@ class Service:
             ) from None
         troubles = Troubles(self._on_trouble)
         make_room(config)
-        left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
+        left = read_interrupted_state(config.state / FILE, bool(list_runs(config.runs)))
         folder, recovery = new_folder(config.runs, datetime.now(UTC)), RecoveryFile(config.state / FILE)
         if left is None:
             recovery.begin(folder.name)
@@ -240,7 +240,7 @@ class Service:
         context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
             context.cycle.recover(left.state or "an unknown state", left.hand_closed, left.auto)
-            troubles.report("restart", as_left(left))
+            troubles.report("restart", describe_interruption(left))
         context.record_start()
         self._started = True
         if self._hardware.robot.stopped_on_opening:

@@ -47,19 +47,19 @@ class UnansweredError(NotSentError):
 class NotAtTargetError(FacetdError):
     """The controller reports that the arm stopped away from its target, or in another configuration than planned."""
 
-    code = CauseCode.ARM_NOT_THERE
+    code = "arm_not_there"
 
 
 class MovedByOthersError(NotAtTargetError):
     """The arm is no longer where it came to rest, and facetd did not move it; nothing was sent."""
 
-    code = CauseCode.MOVED_BY_OTHERS
+    code = "moved_by_others"
 
 
 class OutOfReachError(NotSentError):
     """The arm cannot reach the pose in its present configuration; nothing was sent."""
 
-    code = CauseCode.OUT_OF_REACH
+    code = "out_of_reach"
 
 
 CONFIGURATION_DEG = 5.0

@@ -6,7 +6,6 @@ from contextvars import ContextVar
 from enum import StrEnum
 
 from daemon.arm.motion import NotSentError
-from daemon.events.codes import CauseCode
 
 OPERATOR_COMMAND: ContextVar[tuple[str, int] | None] = ContextVar("operator_command", default=None)
 """The command that is being carried out, and the number of stops when the operator gave it."""
@@ -40,4 +39,4 @@ class RefusedError(NotSentError):
 class OperatorRefusedError(NotSentError):
     """The operator refused a move that waited for confirmation."""
 
-    code = CauseCode.OPERATOR_NO
+    code = "operator_no"

@@ -13,13 +13,12 @@ from daemon.arm.guard import MoveCommand
 from daemon.arm.permission import MotionPermission
 from daemon.arrays import Array
 from daemon.errors import FacetdError
-from daemon.events.codes import CauseCode
 
 
 class StopRefusedError(FacetdError):
     """The controller does not accept the stop command."""
 
-    code = CauseCode.CONTROLLER_REFUSED
+    code = "controller_refused"
 
 
 class HeldBackError(FacetdError):

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from daemon.arm.workcell import Pictures, Workcell
 from daemon.errors import FacetdError
-from daemon.events.codes import CauseCode
 from daemon.quantities import Seconds
 from daemon.vision.image import block_means
 
@@ -17,7 +16,7 @@ from daemon.vision.image import block_means
 class NotSettledError(FacetdError):
     """The images still changed at the time limit: the arm shakes, a part moves, or the light flickers."""
 
-    code = CauseCode.MOTION_BLUR
+    code = "motion_blur"
 
 
 @dataclass(frozen=True)

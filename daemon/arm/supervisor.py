@@ -295,8 +295,7 @@ class Supervisor:
         self, event: JobEvent, why: str, fault: str | None = None, cause: FaultCause = BY_OPERATOR
     ) -> str | None:
         """Stop the arm and end the job: no other task can run between the job's cancellation and the setting of the
-        fault. This counts as a stop of its own, beside the one of `Stopping`: motion stays blocked until the job has
-        ended as well, which may be later than the arm's rest."""
+        fault."""
         task = self._task
         self._ending += 1
         self.permission.stop_begins()

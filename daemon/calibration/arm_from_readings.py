@@ -28,7 +28,7 @@ from daemon.calibration.arm_hypotheses import NAMES, Convention, about_y, about_
 from daemon.calibration.least_squares import Problem, minimise
 from daemon.errors import FacetdError
 
-LEAST_READINGS = 7
+MIN_READINGS = 7
 DIGITS = (0.01, 0.001)
 """The last decimal of WHERE, mm and degrees."""
 ROUNDING = 0.5 / np.sqrt(12.0)
@@ -132,8 +132,8 @@ def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, fl
     each. Joint 1 turns about the world's z: VAL's BASE has no other rotation, and joint 1's zero contains it. Raises
     NoArmError.
     """
-    if len(world_from_tool) < LEAST_READINGS:
-        raise NoArmError(f"{len(world_from_tool)} readings: at least {LEAST_READINGS} are needed, better a dozen")
+    if len(world_from_tool) < MIN_READINGS:
+        raise NoArmError(f"{len(world_from_tool)} readings: at least {MIN_READINGS} are needed, better a dozen")
     readings = _read(world_from_tool, printed_deg, digits)
     best: list[_Model] = []
     for start_count in STARTS:

@@ -17,7 +17,7 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import shown, whole
 
-MOST_CORNERS = 100
+MAX_CORNERS = 100
 USUAL_DICTIONARY = "DICT_4X4_50"
 DICTIONARIES = tuple(
     sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and isinstance(getattr(cv2.aruco, name), int))
@@ -128,7 +128,7 @@ def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board
         counts = whole(columns), whole(rows)
     except ValueError:
         raise BoardError(expected) from None
-    if min(counts) < 3 or max(counts) > MOST_CORNERS:
+    if min(counts) < 3 or max(counts) > MAX_CORNERS:
         raise BoardError(expected)
     if not square_mm > 0:
         raise BoardError(f"--square-mm {square_mm:g}: expected a length above 0")

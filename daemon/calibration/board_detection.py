@@ -16,9 +16,9 @@ from daemon.calibration.corners import NEIGHBOURS, WORST_MISFIT, FittedCorners, 
 
 Grey = NDArray[np.uint8]
 
-FEWEST_CORNERS = 8
+MIN_CORNERS = 8
 SMALLEST_SQUARE_PX = 8.0
-LEAST_MODULE_PX = 2.0
+MIN_MODULE_PX = 2.0
 """A marker is read where its modules are so wide; where the image is sharp narrower ones, too."""
 SHARP_ENOUGH_PX = 2.5
 """Widest blur (sigma of the black-white edge) of usable corners."""
@@ -40,20 +40,20 @@ FAMILIES = (
     ("DICT_ARUCO_MIP_36h12",),
 )
 """Dictionaries that extend each other, the smallest first: a marker of the smallest is in all of its family."""
-FEWEST_MARKERS = 6
-MOST_TRIED = 23
+MIN_MARKERS = 6
+MAX_BOARD_CORNERS = 23
 """Largest number of corners of a row or a column of the boards that are tried."""
-MOST_MARKERS = (MOST_TRIED + 1) ** 2 // 2
+MAX_MARKERS = (MAX_BOARD_CORNERS + 1) ** 2 // 2
 OUTLIER_PASSES = 100
-"""Passes of the search for outliers: of LEAST_AGREEING four are picked together long before; OpenCV's 2,000 take most
+"""Passes of the search for outliers: of MIN_AGREEING four are picked together long before; OpenCV's 2,000 take most
 of a search that finds nothing."""
 OFF_SQUARES = 0.2
 """Largest distance, in squares, of a marker from its place in a layout."""
-LEAST_AGREEING = 0.8
+MIN_AGREEING = 0.8
 """Share of the markers in view that must fit a layout for the board to be of it."""
 BESIDE = 0.6
 """Distance, in squares along rows and columns, of the middle of a marker from a corner of its square."""
-FEWEST_SQUARES = 3
+MIN_SQUARES = 3
 """Squares of a row that must be in view for the row to count as printed, or as blank."""
 
 
@@ -88,10 +88,10 @@ def _chessboard_corners(image: Grey, columns: int, rows: int) -> Array | None:
 
 def _find_charuco(image: Grey, board: Board) -> DetectedBoard:
     ids, corners = _charuco_corners(image, board)
-    if len(ids) < FEWEST_CORNERS:
-        marker_px = LEAST_MODULE_PX * (dictionary_named(board.dictionary).markerSize + 2)
+    if len(ids) < MIN_CORNERS:
+        marker_px = MIN_MODULE_PX * (dictionary_named(board.dictionary).markerSize + 2)
         missing = (
-            f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed: show more of it, or bring it nearer "
+            f"only {len(ids)} of its corners in view, {MIN_CORNERS} are needed: show more of it, or bring it nearer "
             f"until each marker is {marker_px:g} px wide"
         )
         raise BoardError(_named_by_markers(image, board) or _named_as_chessboard(image, board) or missing)
@@ -115,10 +115,10 @@ def _of_other_rows(image: Grey, corners: Array, ids: NDArray[np.int64], board: B
     seen = sorted({*(ids // board.columns), *(ids // board.columns + 1)})
     between = float(np.mean([np.median(np.concatenate([rows[row][k] for row in seen])) for k in (0, 1)]))
     for row in range(seen[-1] + 1, board.rows + 1):
-        if len(rows[row][0]) >= FEWEST_SQUARES and (rows[row][0] > between).all():
+        if len(rows[row][0]) >= MIN_SQUARES and (rows[row][0] > between).all():
             return _another(replace(board, rows=row - 1), f"its {row} rows of squares are those")
     black, white = rows[-1]
-    if min(len(black), len(white)) >= FEWEST_SQUARES and (black < between).all() and (white > between).all():
+    if min(len(black), len(white)) >= MIN_SQUARES and (black < between).all() and (white > between).all():
         more = f"another board: its squares go on beyond the {board.rows + 1} rows of {board}; count its inner corners"
         return _named_by_markers(image, board) or more
     return None
@@ -145,7 +145,7 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
         found = corners_beside(markers, (middles + 0.5) / scale - 0.5, board)
         if len(found[0]) > len(best[0]):
             best = found
-        if len(best[0]) >= FEWEST_CORNERS and _readable(best[1], board):
+        if len(best[0]) >= MIN_CORNERS and _readable(best[1], board):
             break
     return best
 
@@ -153,7 +153,7 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
 def _readable(corners: Array, board: Board) -> bool:
     """Whether the markers between these corners are wide enough for all of them to be read."""
     modules = dictionary_named(board.dictionary).markerSize + 2
-    return float(np.median(nearest_px(corners))) * board.marker_share >= LEAST_MODULE_PX * modules
+    return float(np.median(nearest_px(corners))) * board.marker_share >= MIN_MODULE_PX * modules
 
 
 def corners_beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
@@ -169,7 +169,7 @@ def corners_beside(markers: NDArray[np.int64], middles: Array, board: Board) -> 
     as_named, other = (
         markers_agreeing(markers, px, board.columns, board.rows, one) for one in (board.legacy, not board.legacy)
     )
-    if as_named < max(LEAST_AGREEING * len(markers), other):
+    if as_named < max(MIN_AGREEING * len(markers), other):
         return np.zeros(0, np.int64), np.zeros((0, 2))
     for k, corner in enumerate(board.points_mm()[:, :2] / board.square_mm):
         gaps = np.abs(squares - corner).max(axis=1)
@@ -191,7 +191,7 @@ def _enlarged(image: Grey, scale: int) -> Grey:
 
 def _of_its_markers_size(image: Grey, corners: Array, ids: NDArray[np.int64], board: Board) -> Board:
     """The board with the marker size, of the usual ones, that fits some of the corners best."""
-    some = np.unique(np.linspace(0, len(ids) - 1, FEWEST_CORNERS).astype(int))
+    some = np.unique(np.linspace(0, len(ids) - 1, MIN_CORNERS).astype(int))
     boards = [replace(board, marker_share=share) for share in SHARES]
     misfits = [np.median(_fitted(image, corners[some], ids[some], one).misfit) for one in boards]
     return boards[int(np.argmin(misfits))]
@@ -220,8 +220,8 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
             f"blurred: edges {fitted.blur_px:.1f} px wide, the limit is {SHARP_ENOUGH_PX:g}: hold it still, or focus"
         )
     sound = fitted.misfit < WORST_MISFIT
-    if (clear := int(sound.sum())) < FEWEST_CORNERS:
-        few = f"only {clear} of its corners are clear, {FEWEST_CORNERS} are needed: glare, or covered?"
+    if (clear := int(sound.sum())) < MIN_CORNERS:
+        few = f"only {clear} of its corners are clear, {MIN_CORNERS} are needed: glare, or covered?"
         raise BoardError(_named_by_markers(image, board) or few)
     return DetectedBoard(ids[sound], fitted.corners_px[sound], fitted.blur_px)
 
@@ -255,8 +255,8 @@ def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple
     """Boards that fit the markers in view, each with their number: the named one first, else the smallest."""
     picture = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
     for family in FAMILIES:
-        ids, middles = _markers_in(picture, family[-1], max(board.markers, MOST_MARKERS))
-        if len(ids) < FEWEST_MARKERS:
+        ids, middles = _markers_in(picture, family[-1], max(board.markers, MAX_MARKERS))
+        if len(ids) < MIN_MARKERS:
             continue
         if (fit := best_layout(ids, middles, board)) is None:
             continue
@@ -269,11 +269,11 @@ def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple
 def best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
     """Columns, rows, legacy of the layout that fits most markers, the named size first and then small ones."""
     sizes = [(board.columns, board.rows), (board.rows, board.columns)]
-    for columns in range(3, MOST_TRIED + 1):
+    for columns in range(3, MAX_BOARD_CORNERS + 1):
         # Further rows number the markers alike: the fewest that have all markers, or one more, where `legacy` counts.
         fewest = max(3, -(-2 * (int(ids.max()) + 1) // (columns + 1)) - 1)
-        sizes += [(columns, rows) for rows in (fewest, fewest + 1) if rows <= MOST_TRIED]
-    best, most = None, LEAST_AGREEING * len(ids)
+        sizes += [(columns, rows) for rows in (fewest, fewest + 1) if rows <= MAX_BOARD_CORNERS]
+    best, most = None, MIN_AGREEING * len(ids)
     for columns, rows in sizes:
         for legacy in (board.legacy, not board.legacy):
             agreeing = markers_agreeing(ids, middles, columns, rows, legacy)

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.calibration.board import Board, DetectedBoard
-from daemon.calibration.stereo import FEWEST_PAIRS, WORST_SHARE, StereoError
+from daemon.calibration.stereo import MIN_PAIRS, WORST_SHARE, StereoError
 from daemon.pick.moved_pair import USUAL_MM
 from daemon.vision.geometry import Camera
 
@@ -41,8 +41,8 @@ def calibrate_camera(
     """
     kept, dropped = list(boards), dict[str, str]()
     while True:
-        if len(kept) < FEWEST_PAIRS:
-            raise StereoError(f"{len(kept)} usable views, {FEWEST_PAIRS} are needed; take more, tilted different ways")
+        if len(kept) < MIN_PAIRS:
+            raise StereoError(f"{len(kept)} usable views, {MIN_PAIRS} are needed; take more, tilted different ways")
         points = [board.points_mm()[one.corner_ids].astype(np.float32) for _, one in kept]
         corners = [one.corners_px.astype(np.float32).reshape(-1, 1, 2) for _, one in kept]
         rms, matrix, distortion, _, _, sigmas, _, each = cv2.calibrateCameraExtended(
@@ -50,7 +50,7 @@ def calibrate_camera(
         )
         worst = int(np.argmax(each))
         usual = float(np.median(each))
-        if each[worst, 0] <= OUTLIER * usual or len(kept) - 1 < max(FEWEST_PAIRS, 0.7 * len(boards)):
+        if each[worst, 0] <= OUTLIER * usual or len(kept) - 1 < max(MIN_PAIRS, 0.7 * len(boards)):
             break
         dropped[kept[worst][0]] = f"its corners are {each[worst, 0]:.2f} px off, {usual:.2f} px is usual"
         del kept[worst]

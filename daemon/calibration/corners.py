@@ -21,11 +21,11 @@ Drawing = Callable[[Array], NDArray[np.bool_]]
 PARTS = 5
 """A pixel of the drawing is the mean of PARTS x PARTS samples."""
 REACH_SQUARES = 0.5
-LEAST_REACH_PX, MOST_REACH_PX = 4, 8
+MIN_REACH_PX, MAX_REACH_PX = 4, 8
 NEIGHBOURS = 12
-LEAST_PIXELS = 25
+MIN_PIXELS = 25
 """Fewest image pixels around a corner that is fitted."""
-FEWEST_PASSES, MOST_PASSES, STEPS = 2, 6, 2
+MIN_PASSES, MAX_PASSES, STEPS = 2, 6, 2
 CONVERGED_BLUR_PX = 0.1
 BLUR_PX = (0.3, 3.0)
 """Limits of the blur, sigma."""
@@ -58,10 +58,10 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
     Gauss-Newton on shift, level, contrast, slope of the light and blur; all corners share the median blur.
     """
     fitted, misfit, blur = corners_px.astype(float).copy(), np.full(len(corners_px), np.inf), 0.8
-    reach = int(np.clip(np.ceil(REACH_SQUARES * np.median(nearest_px(fitted))), LEAST_REACH_PX, MOST_REACH_PX))
+    reach = int(np.clip(np.ceil(REACH_SQUARES * np.median(nearest_px(fitted))), MIN_REACH_PX, MAX_REACH_PX))
     rim = 3 * reach
     grey = np.pad(image.astype(np.float32), rim, constant_values=np.nan)
-    for pass_ in range(MOST_PASSES):
+    for pass_ in range(MAX_PASSES):
         drawn = [_drawn(h, at, reach, drawing) for h, at in zip(local_mappings(fitted, squares), squares, strict=True)]
         added_variance = np.zeros(len(fitted))
         for k, one in enumerate(drawn):
@@ -71,7 +71,7 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
                     grey, blurred, one.inside, fitted[k], corners_px[k], rim
                 )
         before, blur = blur, float(np.clip(np.sqrt(max(blur**2 + np.median(added_variance), 0.0)), *BLUR_PX))
-        if pass_ + 1 >= FEWEST_PASSES and abs(blur - before) < CONVERGED_BLUR_PX:
+        if pass_ + 1 >= MIN_PASSES and abs(blur - before) < CONVERGED_BLUR_PX:
             break
     return FittedCorners(fitted, misfit, blur)
 
@@ -132,7 +132,7 @@ def _step(
     seen = grey[y - reach : y + reach + 1, x - reach : x + reach + 1].ravel()[inside]
     shift = corner_px - whole
     there = np.isfinite(seen)
-    if there.sum() < LEAST_PIXELS:
+    if there.sum() < MIN_PIXELS:
         return corner_px, np.inf, 0.0
     seen = seen[there]
     matrix = np.column_stack([a.ravel()[inside][there] for a in _columns(drawn, shift, reach)])

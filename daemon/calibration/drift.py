@@ -160,7 +160,7 @@ class DriftWatch:
         self.drift: Drift | None = None
         self._state = initial_state()
 
-    def seen(self, clue: Clue, at: str) -> Drift | None:
+    def add(self, clue: Clue, at: str) -> Drift | None:
         """Add one observation (at: its time, for people). Returns the active drift, or None."""
         self._state, self.drift = observe(self._state, replace(clue, at=at), DriftSettings(), self.alone)
         return self.drift

@@ -30,12 +30,12 @@ from daemon.calibration.least_squares import Problem, UndeterminedError, chain, 
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
 
-FEWEST_POSES = 5
+MIN_POSES = 5
 PIXEL_SIGMA = 0.1
 """Standard deviation of a board's corner, px; only its ratio to the arm's error matters."""
-LEAST_NOISE = 0.1
+MIN_NOISE = 0.1
 """Least noise of the corners, in PIXEL_SIGMA: none in made pictures would leave no doubt at all."""
-LEAST_TURN_DEG = 12.0
+MIN_TURN_DEG = 12.0
 """Least rms rotation about the second axis that determines the translation."""
 
 
@@ -127,13 +127,13 @@ def cyclopean_from_board(sample: Sample, rig: StereoRig) -> Array:
 
 def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResult:
     """Solve for the hand-eye and refine it on all corners, with standard deviations. Raises HandEyeError."""
-    if len(samples) < FEWEST_POSES:
-        raise HandEyeError(f"{len(samples)} poses, {FEWEST_POSES} are needed")
+    if len(samples) < MIN_POSES:
+        raise HandEyeError(f"{len(samples)} poses, {MIN_POSES} are needed")
     arm = [s.board_from_cameras for s in samples]
     turned = diversity_deg(arm)
-    if turned < LEAST_TURN_DEG:
+    if turned < MIN_TURN_DEG:
         raise HandEyeError(
-            f"the arm turned by {turned:.1f} degrees about its second axis, {LEAST_TURN_DEG:g} are needed: "
+            f"the arm turned by {turned:.1f} degrees about its second axis, {MIN_TURN_DEG:g} are needed: "
             "tilt the gripper about two directions, not one"
         )
     camera = [cyclopean_from_board(s, rig) for s in samples]
@@ -176,7 +176,7 @@ def _joint(samples: Sequence[Sample], rig: StereoRig, start: Array) -> tuple[Arr
     rows = [slice(int(low), int(high)) for low, high in pairwise(ends[::each])]
     corners = residuals[first:]
     sigma = float(np.sqrt((corners**2).sum() / max(len(corners) - len(parameters), 1)))
-    scaled = max(sigma, LEAST_NOISE)
+    scaled = max(sigma, MIN_NOISE)
     return parameters, PIXEL_SIGMA * corners, pose_equations(jacobian / scaled, residuals / scaled, parameters, rows)
 
 

@@ -23,7 +23,7 @@ OFF_CENTRE = 0.14
 """Largest offset of the principal point from the image centre, as a share of the image."""
 SIDES = 1.2
 """fx and fy differ at most by this factor, the two cameras' focal lengths by its cube."""
-LEAST_ALONG = 0.7
+MIN_ALONG = 0.7
 """Least cosine between a camera's x axis and the baseline, and between the two cameras' views."""
 
 
@@ -54,16 +54,16 @@ def _order(rig: StereoRig) -> Iterator[ImplausibleCamera]:
     axes = [camera.cyclopean_from_camera[:3, :3] for camera in (rig.left, rig.right)]
     along = min(float(axis[0, 0]) for axis in axes)
     keys: Keys = ("right", "cyclopean_from_camera")
-    if max(float(axis[0, 0]) for axis in axes) < -LEAST_ALONG:
+    if max(float(axis[0, 0]) for axis in axes) < -MIN_ALONG:
         problem = "the right camera is to the left of the left one: exchanged; name them the other way round (--swap)"
         yield ImplausibleCamera(keys, problem)
-    elif along < LEAST_ALONG:
+    elif along < MIN_ALONG:
         turned = np.degrees(np.arccos(np.clip(along, -1, 1)))
         yield ImplausibleCamera(
             keys,
             f"the baseline is turned by {turned:.0f} degrees against a camera's rows: mount the cameras side by side",
         )
-    elif float(axes[0][:, 2] @ axes[1][:, 2]) < LEAST_ALONG:
+    elif float(axes[0][:, 2] @ axes[1][:, 2]) < MIN_ALONG:
         turned = np.degrees(np.arccos(np.clip(axes[0][:, 2] @ axes[1][:, 2], -1, 1)))
         yield ImplausibleCamera(
             keys, f"the cameras look {turned:.0f} degrees apart: a rotation that was transposed, or of another pair?"

@@ -119,13 +119,13 @@ def _rig(measured: QuickMeasurements, focal: float) -> StereoRig:
     return StereoRig(cameras[0], cameras[1], measured.image_size)
 
 
-def _left_out(seen: Array, error: Array) -> Array:
+def _left_out(depths: Array, error: Array) -> Array:
     """Each depth less the error interpolated between the other readings (section 4.2.4): none corrects itself."""
-    order = np.argsort(seen)
-    mended = seen.copy()
-    for k in range(len(seen)):
+    order = np.argsort(depths)
+    mended = depths.copy()
+    for k in range(len(depths)):
         others = order[order != k]
-        mended[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
+        mended[k] = depths[k] - np.interp(depths[k], depths[others], error[others])
     return mended
 
 

@@ -37,7 +37,7 @@ from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_ey
 from daemon.calibration.informative_poses import Setup, error_mm, information, most_informative
 from daemon.calibration.least_squares import MatchedCorners
 from daemon.calibration.stereo import (
-    FEWEST_PAIRS,
+    MIN_PAIRS,
     Pair,
     StereoError,
     StereoResult,
@@ -275,7 +275,7 @@ async def views_by_hand(session: CalibrationSession, say: Say) -> list[BoardView
     return await session.supervisor.run("calibrate by hand", _collect_by_hand(session, say), moves=False)
 
 
-PATIENCE_S, MOST_VIEWS = 60.0, 40
+PATIENCE_S, MAX_VIEWS = 60.0, 40
 
 
 async def _collect_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
@@ -285,8 +285,8 @@ async def _collect_by_hand(session: CalibrationSession, say: Say) -> list[BoardV
     nowhere = Reading(np.eye(4), np.zeros(6))
     size = np.array(calibration.rig.image_size, float)
     await say("Show the board to both cameras. Hold it still for a moment: then the view counts.")
-    while len(views) < MOST_VIEWS and (
-        lacking := missing_views(board_poses) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)
+    while len(views) < MAX_VIEWS and (
+        lacking := missing_views(board_poses) or ["a few more"] * (len(views) < MIN_PAIRS + 2)
     ):
         if clock() - last_s > PATIENCE_S:
             raise SessionError(
@@ -312,7 +312,7 @@ async def _collect_by_hand(session: CalibrationSession, say: Say) -> list[BoardV
 
 async def _interim_residual(views: list[BoardView], board: Board, calibration: Calibration) -> str:
     """The reprojection error so far, at every third view once there are enough."""
-    if len(views) < FEWEST_PAIRS or len(views) % 3:
+    if len(views) < MIN_PAIRS or len(views) % 3:
         return ""
     try:
         result = await asyncio.to_thread(calibrate_stereo, [v.pair for v in views], board, calibration.rig.image_size)

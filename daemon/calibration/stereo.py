@@ -28,7 +28,7 @@ from daemon.calibration.least_squares import (
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
 
-FEWEST_PAIRS, FEWEST_SHARED = 6, 8
+MIN_PAIRS, MIN_SHARED = 6, 8
 """Pairs of a calibration; corners that both cameras must see in a pair."""
 WORST_SHARE = 0.02
 """Largest relative standard deviation of a focal length or baseline that counts as measured."""
@@ -69,14 +69,14 @@ class StereoResult:
 
 
 def match_corners(pair: Pair, board: Board) -> MatchedCorners:
-    """Corners in both images of a pair. Raises BoardError where they are fewer than FEWEST_SHARED, StereoError where
+    """Corners in both images of a pair. Raises BoardError where they are fewer than MIN_SHARED, StereoError where
     only one camera is in use."""
     if pair.right is None:
         raise StereoError(f"{pair.name}: one camera saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
-    if len(ids) < FEWEST_SHARED:
+    if len(ids) < MIN_SHARED:
         raise BoardError(
-            f"the cameras share {len(ids)} of its corners, {FEWEST_SHARED} are needed: show more of it to both"
+            f"the cameras share {len(ids)} of its corners, {MIN_SHARED} are needed: show more of it to both"
         )
     return MatchedCorners(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
 
@@ -87,8 +87,8 @@ def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int,
     Raises StereoError: too few pairs, pairs too similar, cameras swapped, one image mirrored.
     """
     kept, dropped = list(pairs), dict[str, str]()
-    if len(kept) < FEWEST_PAIRS:
-        raise StereoError(f"{len(kept)} usable pairs, {FEWEST_PAIRS} are needed; take more, tilted different ways")
+    if len(kept) < MIN_PAIRS:
+        raise StereoError(f"{len(kept)} usable pairs, {MIN_PAIRS} are needed; take more, tilted different ways")
     while True:
         matches = [match_corners(p, board) for p in kept]
         solution = _solve(matches, image_size)
@@ -96,7 +96,7 @@ def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int,
         usual = float(np.median(rms))
         worst = int(np.argmax(rms))
         spread = 1.4826 * float(np.median(np.abs(rms - usual)))
-        if rms[worst] <= max(usual + 5 * spread, 2.5 * usual) or len(kept) - 1 < max(FEWEST_PAIRS, 0.7 * len(pairs)):
+        if rms[worst] <= max(usual + 5 * spread, 2.5 * usual) or len(kept) - 1 < max(MIN_PAIRS, 0.7 * len(pairs)):
             return _result(kept, matches, solution, dropped, image_size)
         dropped[kept[worst].name] = (
             f"its corners are {rms[worst]:.2f} px off, {usual:.2f} px is usual: moved or misread"

@@ -13,8 +13,8 @@ from daemon.cell.cameras import StereoPair, ThreadedCameras
 from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import (
+    MAX_IMAGES,
     MEASURES,
-    MOST_IMAGES,
     Finding,
     Steadiness,
     examine,
@@ -86,7 +86,7 @@ async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
 async def shutters(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[CameraName, str]:
     """How each camera in use exposes its rows, for people, from pictures in which something moves to and fro; without
     those that show too little of that. Raises CameraError."""
-    pairs = await _series(cameras, clock, MOST_IMAGES)
+    pairs = await _series(cameras, clock, MAX_IMAGES)
     found: dict[CameraName, str] = {}
     for name in CAMERA_NAMES:
         if cameras.alone in (None, name) and (shutter := steadiness(pairs, name).shutter) is not None:

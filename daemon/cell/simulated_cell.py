@@ -11,7 +11,7 @@ from daemon.cell.val2_arm import val2_arm
 from daemon.config import Config, kind_of
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.presentation import VIEWS
+from drivers.simcell.stand import VIEWS
 
 
 def _check(config: Config) -> None:

@@ -136,13 +136,13 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
     """Grab pairs for a while: rate, skew and age, the frames that each camera lost, and what it does not hold."""
     from daemon.cell.cameras import camera_rows
-    from daemon.vision.health import MOST_IMAGES
+    from daemon.vision.health import MAX_IMAGES
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
     skews: list[float] = []
     ages = []
-    kept: deque[StereoPair] = deque(maxlen=MOST_IMAGES)
+    kept: deque[StereoPair] = deque(maxlen=MAX_IMAGES)
     while not skews or clock() - began_s < seconds:
         pair = camera.grab(clock(), GRAB_S)
         kept.append(pair)

@@ -35,7 +35,7 @@ class CycleObserver:
         camera = None if look.taken.moved is None else look.taken.moved.camera
         if camera != self._drift.alone or context.calibration is not self._calibration:
             self._drift, self._calibration = DriftWatch(alone=camera), context.calibration
-        drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
+        drift = self._drift.add(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.report("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
             failing = context.cycle.supervisor.fail("calibration", drift.text, FaultCause(CauseCode.CAMERA_KNOCKED))
@@ -92,7 +92,7 @@ class CycleObserver:
         error_mm, error_deg, held = truth
         placed = None
         if end.place is not None and (goal := context.cycle.placing.goals.get(end.place)) is not None:
-            axis = None if goal.axis is None else goal.axis.way
+            axis = None if goal.axis is None else goal.axis.direction
             placed = hand.place_error(goal.place.part, goal.poses, goal.shape.corners_mm, axis)
         place_mm, place_deg = placed or (None, None)
         context.run_log.record(

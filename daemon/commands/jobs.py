@@ -10,7 +10,7 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.phrases import plural
 from daemon.console.text_layout import table
 from daemon.errors import DONE, NOT_DONE
-from daemon.store.job_file import MOST_TIMES, SUFFIX, Job, job_names, load_job
+from daemon.store.job_file import MAX_TIMES, SUFFIX, Job, job_names, load_job
 from daemon.store.outside import FileError
 from daemon.store.place_file import BIN
 
@@ -49,7 +49,7 @@ async def job(context: CommandContext, words: list[str], frontend: Frontend) -> 
     on_signal = words[-1] == SIGNAL and len(words) > 2
     words = words[:-1] if on_signal else words
     no_more(words, 3, USAGE)
-    times = number(words[2], "TIMES", 1, MOST_TIMES) if len(words) > 2 else 1
+    times = number(words[2], "TIMES", 1, MAX_TIMES) if len(words) > 2 else 1
     made.check(context.trainer.model.labels, context.cycle.placing.places)
     return await begin(context, replace(made.order(times), on_signal=on_signal))
 

@@ -88,9 +88,9 @@ class CommandContext:
         known = [*self.trainer.parts, *self.trainer.model.labels, *self.trainer.model_store.labels()]
         return list(dict.fromkeys(known))
 
-    def table_in(self, seen: Look) -> TablePlane:
+    def table_in(self, look: Look) -> TablePlane:
         """The table in the cyclopean frame of an observation."""
-        return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
+        return table_at(self.config.values.pick.limits.table_z_mm, look.world_from_cyclopean)
 
     async def look_with(self, alone: CameraName | None, why: str) -> None:
         """Use one camera, or both (None), between jobs and as a job of its own. Raises CameraError, RefusedError."""

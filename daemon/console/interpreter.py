@@ -92,7 +92,7 @@ HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
 KEEPS_QUESTION = ("status", "help", "pause", "step", "confirm", "refuse")
-MOST_ASKED = 5
+MAX_QUESTIONS = 5
 """Largest number of times a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
     *("arm", "commission", "completion", "console", "dashboard", "demo", "export", "fleet", "recognise"),
@@ -405,7 +405,7 @@ def number(word: str, what: str, low: int, high: int) -> int:
 async def yes_or_no(frontend: Frontend, question: str) -> bool | None:
     """Ask until the answer is yes or no, and report other answers as ignored. None where there is no answer: the
     operator stopped the arm or disconnected."""
-    for _ in range(MOST_ASKED):
+    for _ in range(MAX_QUESTIONS):
         answer = (await frontend.ask(question)).strip()
         if not answer or is_yes(answer) or is_no(answer):
             return None if not answer else is_yes(answer)

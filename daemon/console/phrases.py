@@ -42,19 +42,19 @@ def cut_off(pick_order: PickOrder) -> str:
     return f"`auto on` was interrupted with {left}" if pick_order.job is None else f"Job {pick_order.job} has {left}"
 
 
-def as_left(left: RecoveryState) -> str:
+def describe_interruption(state: RecoveryState) -> str:
     """Describe how the previous run ended, and what the operator must do."""
-    what = f"the previous run, {left.run}, " + (
-        "ended" if left.ended else f"was interrupted in state {left.state or 'unknown'}"
+    what = f"the previous run, {state.run}, " + (
+        "ended" if state.ended else f"was interrupted in state {state.state or 'unknown'}"
     )
-    if left.damage:
-        what = f"{left.damage}: how the previous run ended is unknown"
-    if left.fault is not None:
-        what += f", with a fault: {left.fault}"
-    if left.hand_closed:
-        what += f", possibly with {f'the {left.label}' if left.label else 'a part'} in the gripper"
-    if left.auto is not None:
-        what += f"; {cut_off(left.auto)}"
+    if state.damage:
+        what = f"{state.damage}: how the previous run ended is unknown"
+    if state.fault is not None:
+        what += f", with a fault: {state.fault}"
+    if state.hand_closed:
+        what += f", possibly with {f'the {state.label}' if state.label else 'a part'} in the gripper"
+    if state.auto is not None:
+        what += f"; {cut_off(state.auto)}"
     return f"{what}: check the cell, then `resume`"
 
 

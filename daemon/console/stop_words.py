@@ -41,7 +41,7 @@ def withdraws_permission(text: str) -> bool:
     return means_stop(text) or text.split("#")[0].lower().split() in [[word] for word in WITHDRAW]
 
 
-def ends_in_stop(taken: Sequence[str], line: str) -> bool:
-    """Whether a line stops the arm of which questions interrupted the typing. taken: the unfinished inputs that they
+def ends_in_stop(removed: Sequence[str], line: str) -> bool:
+    """Whether a line stops the arm of which questions interrupted the typing. removed: the unfinished inputs that they
     removed from the prompt, oldest first."""
-    return any(means_stop("".join(taken[k:]) + line) for k in range(len(taken) + 1))
+    return any(means_stop("".join(removed[k:]) + line) for k in range(len(removed) + 1))

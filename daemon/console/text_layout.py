@@ -29,9 +29,9 @@ def fold(text: str, columns: int) -> list[str]:
     return folded
 
 
-def prose(text: str, columns: int, indent: int = 2) -> list[str]:
-    """Fold paragraphs at that many columns, regardless of their line breaks; a line of two columns (separated by two
-    blanks) stays one, folded within the second."""
+def prose(text: str, columns: int) -> list[str]:
+    """Fold paragraphs at that many columns, indented by two, regardless of their line breaks; a line of two columns
+    (separated by two blanks) stays one, folded within the second."""
     paragraphs: list[tuple[str, int]] = []
     for line in text.splitlines():
         column = COLUMN.match(line)
@@ -41,9 +41,9 @@ def prose(text: str, columns: int, indent: int = 2) -> list[str]:
             paragraphs[-1] = f"{paragraphs[-1][0]} {line}", 0
     folded: list[str] = []
     for paragraph, hanging in paragraphs:
-        first_indent, below = " " * indent, " " * (indent + (hanging if columns >= NARROW else 2 * bool(hanging)))
+        below = " " * (2 + (hanging if columns >= NARROW else 2 * bool(hanging)))
         folded += textwrap.wrap(
-            paragraph, columns, initial_indent=first_indent, subsequent_indent=below, break_on_hyphens=False
+            paragraph, columns, initial_indent="  ", subsequent_indent=below, break_on_hyphens=False
         )
     return folded
 

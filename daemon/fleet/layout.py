@@ -16,10 +16,10 @@ from daemon.events.records import Record
 from daemon.fleet.schema import TABLES, VERSION, Column
 from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, cameras_of, duration_s, in_use, parts_of, place_mm, short_hash
+from daemon.review.failure_causes import causes, causes_of_record
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.set_downs import PartSetDown, set_downs_of
-from daemon.review.why import causes, causes_of_record
 from daemon.store.folders import how_to_add
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from daemon.config import Config
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode
 from daemon.events.upgrade import read_prose
-from daemon.review import why
+from daemon.review import failure_causes
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.store.runs import list_runs
@@ -96,7 +96,7 @@ def from_service(
 
 def mend_of(text: str) -> str:
     """The remedy for a fault or a trouble, from its text; empty for an unknown cause or an operator's stop."""
-    code = next(why.causes_of_record(read_prose(text))).code
+    code = next(failure_causes.causes_of_record(read_prose(text))).code
     return "" if code.stage == "operator" or code is CauseCode.INTERNAL else code.remedy
 
 

@@ -37,7 +37,7 @@ class NoSinglePartError(RefusedError):
 
 @dataclass(frozen=True, eq=False)
 class CircledPart:
-    """The part that is walked round: its middle (3,) mm, world, and how far it reaches from there."""
+    """What is walked round: its middle (3,) mm, world, and how far it reaches from there."""
 
     middle: Array
     radius_mm: float
@@ -68,7 +68,7 @@ def single_part_in(look: Look) -> CircledPart:
 def tour_round(
     thing: CircledPart, count: int, mounting: CameraMounting, allowed: Callable[[Array], bool]
 ) -> list[Array]:
-    """Return at most `count` poses world_from_tool (4, 4) to look at the part from, evenly round it, by turns low and
+    """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
     distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)
     x, y, z = (float(v) for v in thing.middle)

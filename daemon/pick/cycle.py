@@ -117,7 +117,7 @@ class PickCycle:
 
     @property
     def beliefs(self) -> Beliefs:
-        """The owner of the beliefs about arm and gripper."""
+        """Who owns what is believed of arm and gripper."""
         return self.cell.robot.beliefs
 
     @property
@@ -125,7 +125,7 @@ class PickCycle:
         return self.beliefs.now
 
     def status(self) -> dict[str, object]:
-        """Return the state of the cycle as JSON values."""
+        """How things stand, JSON values only."""
         target = None if self._world is None else self._world.target
         estimate = None if target is None else target.estimate
         order, counted = self.pick_order, tally(self.tally)
@@ -225,7 +225,7 @@ class PickCycle:
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
     async def locate(self, label: str) -> Array:
-        """Locate the one part of this label that lies in view, world_from_part (4, 4) mm, by looks from several
+        """Where the one part of this label is that lies in view, world_from_part (4, 4) mm, by looks from several
         sides. RefusedError when it may not start, or there is none, or more than one."""
         self._may_pick()
         self._must_be_empty()
@@ -238,7 +238,7 @@ class PickCycle:
         return await self.supervisor.run("measure the part in the gripper", self._held_here(), moves=False)
 
     async def plan_from_side(self, goal: Goal, side: int) -> SidePlan:
-        """Plan how a part that lies on a side, from 0, where the table is surveyed, can be brought to a place; nothing
+        """How a part that lies on a side, from 0, where the table is surveyed, can be brought to a place; nothing
         moves, and nothing needs to be enabled. Raises ValueError where its taught corners span no solid."""
         purpose = f"plan for place {goal.place.name}"
         return await self.supervisor.run(purpose, self._plan_from_side(goal, side), moves=False)
@@ -297,8 +297,8 @@ class PickCycle:
         return await self.supervisor.run(purpose, small_move())
 
     async def go_down(self, over: Array, down: Array, purpose: str) -> None:
-        """Move to a pose above another, and from there straight and slowly down to that: one job, as nobody is to move
-        the arm in between."""
+        """To a place above another, and from there straight and slowly down to that: one job, as nobody is to move the
+        arm in between."""
 
         async def ways() -> None:
             await self._travel(over, f"{purpose}, over it")
@@ -307,7 +307,7 @@ class PickCycle:
         await self.supervisor.run(purpose, ways())
 
     async def wait_until_at_rest(self) -> Array:
-        """Return where the arm is at rest, world_from_tool (4, 4) mm."""
+        """Where the arm is at rest, world_from_tool (4, 4) mm."""
         reading = await self.supervisor.run("where", self.supervisor.mover.wait_until_at_rest(), moves=False)
         return reading.world_from_tool
 
@@ -322,8 +322,8 @@ class PickCycle:
         return {"home": self.settings.home.pose(), "bin": self.settings.bin.pose(), **surveys}
 
     def recover(self, state: str, closed: bool | None, pick_order: PickOrder | None = None) -> None:
-        """Recover at start from a crash in mid-cycle: nothing moves until resume; facetd asks about a gripper that may
-        be full; pick_order: what was left of auto."""
+        """At start, after a crash in mid-cycle: nothing moves until resume; a hand that may be full is asked about;
+        pick_order: what was left of auto."""
         self.pick_order = pick_order
         self.supervisor.latch(f"restarted: the daemon ended in {state}")
         if closed is not False:
@@ -331,8 +331,8 @@ class PickCycle:
         self.state = PickState.FAULT
 
     def holding(self, answer: bool) -> None:
-        """Learn what the operator sees in the gripper. That it is empty proves less than that facetd has opened it,
-        where that is believed already."""
+        """What the operator sees in the gripper. That it is empty proves less than that facetd has opened it, where
+        that is believed already."""
         if answer:
             self.beliefs.learn(BeliefSource.OPERATOR, holding=True)
         elif self.belief.holds_part is not False or self.belief.empty_unproven:
@@ -367,7 +367,7 @@ class PickCycle:
             )
 
     def _interrupted(self, what: JobEvent) -> None:
-        """Take an interruption of the job as an event of the table of states."""
+        """What comes over the job from outside, as an event of the table."""
         self._enter(PickEvent(what))
 
     def _enter(self, event: PickEvent) -> None:
@@ -472,13 +472,13 @@ class PickCycle:
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
     async def prepare_to_move(self) -> Reading:
-        """Guard the gripper and read where the arm is at rest: each job that moves begins so."""
+        """Where the arm is at rest, from where a job may go: each that moves begins so."""
         self.guard_the_hand()
         return await self.supervisor.mover.wait_until_at_rest()
 
     async def _set_out_to_look(self) -> Reading:
-        """Prepare to look from where the arm stands. Raises RefusedError where it would go aside for the second picture
-        of one camera, among the parts."""
+        """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one camera,
+        among the parts."""
         here = await self.prepare_to_move()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
@@ -523,14 +523,14 @@ class PickCycle:
             self.beliefs.learn(BeliefSource.ASSUMED, held_shape=(max(loads, key=lambda load: load.radius_mm),))
 
     def _set_order(self, pick_order: PickOrder | None) -> None:
-        """Store what auto has to bring from now on; None: it is done, or given up."""
+        """What auto has to bring from now on; None: it is done, or given up."""
         if pick_order == self.pick_order is None:
             return
         self.pick_order = pick_order
         self.cell.log.record("auto", **auto_record(pick_order))
 
     def _seconds_left(self) -> float | None:
-        """Estimate how long the rest of auto will take, s, from the last parts. None: unknown."""
+        """How long what is left of auto will take: as each of the last parts took (s). None: nobody knows."""
         took = [end.seconds for end in islice(reversed(self.ends), LATEST) if end.brought]
         count = None if self.pick_order is None else self.pick_order.count
         return None if count is None or not took else count * statistics.median(took)
@@ -656,7 +656,7 @@ class PickCycle:
             self._enter(event)
 
     def _brought(self, world: WorldModel) -> None:
-        """Count a part that was released where it was to go: auto has less to bring."""
+        """What was in the gripper was let go where it was to go: auto has less to bring."""
         label = None if world.target is None else world.target.label
         world.brought = label is not None
         if self.pick_order is not None:

@@ -127,7 +127,7 @@ def _tell_places(context: PickContext, world: WorldModel) -> None:
 
 
 async def _settle_question(context: PickContext, world: WorldModel) -> None:
-    """Check, after looks at one part disagreed, whether the others still lie where they lay before the approach.
+    """Where looks at one part disagreed, check whether the others still lie where they lay before the approach.
 
     Where there are no others, check the part itself.
     """
@@ -229,8 +229,8 @@ async def choose(
 
 
 def destination_of(context: PickContext, world: WorldModel, part: ObservedPart) -> Destination | str | None:
-    """Return where a named part belongs; None: over the bin; in words why it cannot go anywhere. A place where
-    something shows that nobody brought is left alone."""
+    """Where a named part belongs; None: over the bin; in words why it cannot go anywhere. A place where something shows
+    that nobody brought is left alone."""
     table = context.placing
     ordered = context.order.place(part.label)
     if ordered == BIN or not table.has(part.label):
@@ -301,7 +301,7 @@ def _planned(
 
 
 def least_known(context: PickContext, world: WorldModel) -> ObservedPart | None:
-    """Return the unnamed part that may be looked at again, the least looked at first; None: none."""
+    """What has no name and may be looked at again, what was looked at least first; None: nothing."""
 
     def looks(part: ObservedPart) -> int:
         return sum(same_place(part.centre, centre) for centre in world.looked_again)
@@ -396,7 +396,7 @@ def _next_views(
     mounting: CameraMounting,
     reach: Reach,
 ) -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
-    """Return what a part may be; viewpoints of it; their numbers in the order in which to try them.
+    """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
     viewpoints_before: (L, 3) from where it was looked at so far."""
     before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
     poses = allowed(places_round(part.centre, mounting), reach)
@@ -420,7 +420,7 @@ def _next_views(
 async def tell_gain(
     context: PickContext, world: WorldModel, part: ObservedPart, before: Sequence[PartHypothesis], gain: Gain
 ) -> None:
-    """Log and report what the look has brought."""
+    """What the look has brought, to the log and to whoever asked."""
     compute, rig = context.cell.compute, context.cell.rig
     now = min(world.found, key=lambda p: apart_mm(p.centre, part.centre), default=None)
     if now is None or not same_place(now.centre, part.centre):
@@ -437,7 +437,7 @@ async def tell_gain(
 def _thought_of(
     part: ObservedPart, recogniser: PartRecogniser, table_z_mm: float | None, rig: StereoRig
 ) -> tuple[str, float]:
-    """Describe what a part without a name may be, and the bits that are open."""
+    """What a part without a name may be, in words, and the bits that are open."""
     hypotheses = hypotheses_of(part, recogniser, table_z_mm)
     return in_words(hypotheses), open_bits(hypotheses, rig)
 

@@ -212,16 +212,16 @@ def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: 
 
 
 def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:
-    """Return the search radii for its edges in the gripper, mm: first no farther than where it was grasped may err, as
-    the fingers' edges run beside the part's; then as far as closing jaws may push it."""
+    """How far off its edges are sought in the gripper, mm: first no farther than where it was grasped may err, as the
+    fingers' edges run beside the part's; then as far as closing jaws may push it."""
     grasped = grasped_part(target, doubt)
     return (REACH_MM,) if grasped is None else (_held_reach_mm(target.shape, grasped, doubt), REACH_MM)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldPose:
-    """The pose of a part in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: the same weighed with how
-    it was grasped, covariance (6, 6) of that; chi2: how far these two are apart (6 degrees of freedom)."""
+    """How a part is in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: the same weighed with how it was
+    grasped, covariance (6, 6) of that; chi2: how far these two are apart (6 degrees of freedom)."""
 
     seen: Array
     pose: Array
@@ -230,8 +230,8 @@ class HeldPose:
 
 
 def held_pose(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
-    """Measure the pose of the target in the gripper; None where its edges do not show, or one camera took both
-    pictures, so that nothing says how far away the part is.
+    """How the target is in the gripper; None where its edges do not show, or one camera took both pictures, so that
+    nothing says how far away the part is.
 
     Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's. Edges
     are sought where it was grasped first, and no farther off than these errors allow: the fingers' edges run along the
@@ -242,8 +242,8 @@ def held_pose(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Do
 
 
 def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
-    """Return the pose of the target in the gripper as it was grasped, with what the approach and the arm may have erred
-    by; None where it was not measured."""
+    """How the target is in the gripper as it was grasped, with what the approach and the arm may have erred by; None
+    where it was not measured."""
     if target.estimate is None:
         return None
     tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
@@ -254,7 +254,7 @@ def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
 def held_by_edges(
     shape: Polyhedron, held: HeldPart, taken: CapturedPair, mount: CameraMount, doubt: Doubt
 ) -> HeldPose | None:
-    """Measure the pose in the gripper of a part that was grasped so: see held_pose."""
+    """How a part that was grasped so is in the gripper: see held_pose."""
     if mount.alone is not None:
         return None
     grasped = held.tool_from_part
@@ -285,15 +285,14 @@ def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array,
 
 
 def _held_reach_mm(shape: Polyhedron, held: HeldPart, doubt: Doubt) -> float:
-    """Return how far a corner may show from where a part was grasped, mm: by the errors of the grasp and of the
-    hand-eye."""
+    """How far a corner may show from where a part was grasped, mm: by the errors of the grasp and of the hand-eye."""
     hand_eye = frames.lever_covariance(held.tool_from_part, doubt.shared()[:6, :6], np.eye(4))
     return farthest_mm(shape, held.tool_from_part, held.covariance + hand_eye)
 
 
 def farthest_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> float:
-    """Return how far a corner may be from where a pose has it that errs by a covariance (6, 6) in b, as long as its
-    chi-square is at most CHI_SQUARE_6."""
+    """How far a corner may be from where a pose has it that errs by a covariance (6, 6) in b, as long as its chi-square
+    is at most CHI_SQUARE_6."""
     motion = frames.point_motion(shape.corners_mm @ b_from_part[:3, :3].T)
     largest = np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1].max()
     return float(np.sqrt(pose_fusion.CHI_SQUARE_6 * largest))

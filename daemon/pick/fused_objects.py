@@ -177,7 +177,7 @@ def _bends_away(seen: Polyhedron, facet: int, other: int) -> bool:
 
 
 def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
-    """Return how far the middles of two facets lie in front of each other's planes."""
+    """How far the middles of two facets lie in front of each other's planes."""
     apart = seen.centres_mm[other] - seen.centres_mm[one]
     return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
 
@@ -212,8 +212,8 @@ def _whole(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
 
 
 def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
-    """Return the groups of facets that may be one part: what hangs together; of that, what hangs together over no
-    hollow edge; and of that the facets whose corners are seen to be corners, from two places."""
+    """What of the facets may be one part: what hangs together; of that, what hangs together over no hollow edge; and of
+    that the facets whose corners are seen to be corners, from two places."""
     found = list[list[int]]()
     for thing in _whole(fused, facets):
         for piece in (thing, *convex_groups(fused.polyhedron, thing)):

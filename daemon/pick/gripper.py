@@ -22,7 +22,7 @@ class PlannedGrasp:
 
     @property
     def risk(self) -> float:
-        """The share of what the gripper can just hold: 0, surely held, to 1."""
+        """How near it is to what the gripper can just hold: 0, surely held, to 1."""
         raise NotImplementedError
 
     @property
@@ -48,8 +48,8 @@ class Grasps(NamedTuple):
 
 
 class HeldAbout(NamedTuple):
-    """The region in which a gripper touches what it holds: within half of width_mm of the line from back_mm behind the
-    tool centre point to tip_mm before it."""
+    """Where a gripper touches what it holds: within half of width_mm of the line from back_mm behind the tool centre
+    point to tip_mm before it."""
 
     back_mm: float
     tip_mm: float
@@ -61,7 +61,7 @@ class Gripper(Protocol):
 
     @property
     def body(self) -> HandBody:
-        """The shape that may strike something."""
+        """What of it may strike something."""
 
     @property
     def by_vacuum(self) -> bool:
@@ -69,7 +69,7 @@ class Gripper(Protocol):
 
     @property
     def tip_mm(self) -> float:
-        """The length beyond the tool centre point."""
+        """How far it reaches beyond the tool centre point."""
 
     @property
     def outside(self) -> tuple[str, float]:
@@ -77,7 +77,7 @@ class Gripper(Protocol):
 
     @property
     def held_about(self) -> HeldAbout:
-        """The region that touches a held part."""
+        """Where it touches what it holds."""
 
     @property
     def widest_mm(self) -> float | None:
@@ -85,7 +85,7 @@ class Gripper(Protocol):
 
     @property
     def empty(self) -> Polyhedron | None:
-        """The points that show, tool frame, once it was closed on nothing; None: no look can tell."""
+        """How it shows, tool frame, once it was closed on nothing; None: no look can tell."""
 
     @property
     def turning(self) -> "Gripper | None":
@@ -93,7 +93,7 @@ class Gripper(Protocol):
         None: it turns no part over."""
 
     def works_s(self, closed: bool) -> float:
-        """Return how long it needs to take hold or to release, by its own settings."""
+        """How long it needs to take hold or to let go, by its own settings."""
 
     def grasps(
         self,

@@ -40,8 +40,8 @@ async def wait_for_hold(context: PickContext) -> None:
 
 
 def contradiction(label: str, sensor: bool | None, shows: str, holds: bool) -> str | None:
-    """Describe how the sensor and a look differ; None: they agree. shows: what the look shows of the part; holds:
-    whether that means that the gripper holds it."""
+    """What the sensor and a look say, where they differ. shows: what the look shows of the part; holds: whether that
+    means that the gripper holds it."""
     if sensor is None or sensor is holds:
         return None
     says = "holds a part" if sensor else "holds nothing"

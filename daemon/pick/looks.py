@@ -43,7 +43,7 @@ class MisleadingImagesError(VisionError):
         self.code = BY_MEASURE[findings[0].name]
 
     def __reduce__(self) -> tuple[type, tuple[object]]:
-        """Pickle it as it comes out of a worker process."""
+        """As it comes out of a worker process."""
         return type(self), (self._measures,)
 
 
@@ -91,11 +91,11 @@ ONLY_TRACKED = Scene((), (), FacetView((), (), (), (), np.nan), ("only what was 
 
 @dataclass(frozen=True, eq=False)
 class Look(ByReference):
-    """One look: what was recognised in a pair. tracked: the pose of the part that was expected, where that was found
-    and nothing else was looked for (the scene is empty then); taken_s: when the older picture was taken, on the cell's
-    clock; seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px:
-    median distance of corners from their lines; table: where it was taken to be; health: what there is to say of the
-    images themselves; clue: what it hints at of the calibration."""
+    """What one look saw in a pair. tracked: the pose of the part that was expected, where that was found and nothing
+    else was looked for (the scene is empty then); taken_s: when the older picture was taken, on the cell's clock;
+    seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px: median
+    distance of corners from their lines; table: where it was taken to be; health: what there is to say of the images
+    themselves; clue: what it hints at of the calibration."""
 
     scene: Scene
     taken: CapturedPair
@@ -114,7 +114,7 @@ class Look(ByReference):
 
     @property
     def reading(self) -> Reading:
-        """The arm's position after it."""
+        """Where the arm was after it."""
         return self.taken.reading
 
     @property
@@ -166,7 +166,7 @@ def moved_pair_of(cell: Workcell, first: CapturedPair, second: CapturedPair, dou
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The results computed from a pair of pictures: see Look, of which it is a part."""
+    """What is computed of a pair of pictures: see Look, of which it is a part."""
 
     scene: Scene
     health: tuple[Finding, ...]
@@ -237,7 +237,7 @@ async def relight(cell: Workcell, look: Look) -> str | None:
 
 
 async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -> Look:
-    """Recognise everything in view of a look that sought the expected part only."""
+    """The same look with everything in view looked for."""
     if look.tracked is None:
         return look
     scene = await compute(_seen, recogniser, look.taken, look.table)
@@ -245,7 +245,7 @@ async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -
 
 
 def pair_health(taken: CapturedPair) -> tuple[Finding, ...]:
-    """Examine the pair itself, but for its sharpness, which an expected part's edges prove when they are found.
+    """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
     Raises MisleadingImagesError."""
     earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images
     shown_again = images[0] is earlier[0]  # a recorded pair held still, not a camera that repeats itself

@@ -47,8 +47,8 @@ class MovedPair:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The poses of one camera for each picture of a moved pair: left and right, (4, 4) cyclopean_from_camera mm; and
-    how far the arm may have been off at each, standard deviations per axis."""
+    """Where one camera was for each picture of a moved pair: left and right, (4, 4) cyclopean_from_camera mm; and how
+    far the arm may have been off at each, standard deviations per axis."""
 
     camera: CameraName
     left: Array
@@ -68,13 +68,13 @@ class Places:
         return StereoRig(cameras[0], cameras[1], calibrated.image_size)
 
     def json(self) -> dict[str, Any]:
-        """Return it as JSON values; `places_of` reads them."""
+        """As JSON values; `places_of` reads them."""
         left, right = self.left.tolist(), self.right.tolist()
         return {"eye": self.camera, "left": left, "right": right, "arm_mm": self.arm_mm, "arm_deg": self.arm_deg}
 
 
 def places_of(json: dict[str, Any] | None) -> Places | None:
-    """Read what `Places.json` returned; None where a pair was one of both cameras."""
+    """What `Places.json` gave; None where a pair was one of both cameras."""
     if not json:
         return None
     left, right = (np.array(json[name], float) for name in ("left", "right"))
@@ -90,16 +90,15 @@ def seen_by_one(rig: StereoRig, tool_from_cyclopean: Array, alone: CameraName) -
 
 
 def distance_mm(world_from_camera: Array, table_z_mm: float | None) -> float:
-    """Return how far along its axis a camera at (4, 4) mm meets the table; a usual distance where it hardly looks
-    down."""
+    """How far along its axis a camera at (4, 4) mm meets the table; a usual distance where it hardly looks down."""
     if table_z_mm is None or world_from_camera[2, 2] > -0.2:
         return USUAL_DISTANCE_MM
     return float((table_z_mm - world_from_camera[2, 3]) / world_from_camera[2, 2])
 
 
 def places_beside(world_from_camera: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
-    """Return where the camera (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first.
-    known: it is one part, and about where is known; back: to the left before the right."""
+    """Where the camera (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first. known:
+    it is one part, and about where is known; back: to the left before the right."""
     share = OF_KNOWN if known else OF_DISTANCE
     most = float(np.clip(share * away_mm, SHORTEST_MM, LONGEST_MM))
     for side, whole in SIDES:

@@ -47,8 +47,8 @@ UNLIKE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PartHypothesis:
-    """A hypothesis of what lies there: solid at world_from_part (4, 4), whose covariance is (6, 6); facets: the solid's
-    behind each facet that was seen. Of something not taught, UNKNOWN, the solid is what was seen of it."""
+    """What may lie there: solid at world_from_part (4, 4), whose covariance is (6, 6); facets: the solid's behind each
+    facet that was seen. Of something not taught, UNKNOWN, the solid is what was seen of it."""
 
     label: str
     solid: Polyhedron
@@ -81,7 +81,7 @@ class HypothesisSet:
 
 @dataclass(frozen=True)
 class Gain:
-    """The expected gain of a look from a viewpoint, by its number: bits, and after how many seconds."""
+    """What a look from a place, by its number, is expected to bring: bits, and after how many seconds."""
 
     place: int
     bits: float
@@ -91,9 +91,9 @@ class Gain:
 def hypotheses_of(
     part: ObservedPart, recogniser: PartRecogniser, table_z_mm: float | None
 ) -> tuple[PartHypothesis, ...]:
-    """Return what a part without a name may be, in world: all that recognition lets stand and the table leaves room
-    for, and something not taught, last. Where nothing that was taught explains all its facets together, what explains
-    one of them, the largest first."""
+    """What a part without a name may be, in world: all that recognition lets stand and the table leaves room for, and
+    something not taught, last. Where nothing that was taught explains all its facets together, what explains one of
+    them, the largest first."""
     world_from_look = part.look.world_from_cyclopean
     facets = sorted(part.facets, key=lambda f: -float(np.linalg.norm(area_vector(f.corners_mm))))
     for some in (part.facets, *((f,) for f in facets)):
@@ -169,8 +169,8 @@ def expected_entropy(chances: Array, shows: Array) -> float:
 
 
 def distinct_hypotheses(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> HypothesisSet:
-    """Return which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far;
-    those that have the same label and the same facets count once, with the sum of what they were given."""
+    """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
+    that have the same label and the same facets count once, with the sum of what they were given."""
     *taught, untaught = hypotheses
     taught = sorted((h for h in taught if h.probability >= LEAST_CHANCE), key=lambda h: -h.probability)
     kept = [untaught, *taught[:MOST_HYPOTHESES]]
@@ -267,14 +267,14 @@ def ranked(competing: HypothesisSet, shows: Array, seconds: Sequence[float]) -> 
 def places_round(
     centre: Array, mounting: CameraMounting, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
 ) -> list[Array]:
-    """Return viewpoints of what lies at centre (3,), world: world_from_tool (4, 4) each."""
+    """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
     x, y, z = (float(v) for v in centre)
     views = [SurveyView((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
     return [view.pose(mounting) for view in views]
 
 
 def allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
-    """Return the poses, world_from_tool (4, 4), that the arm can reach."""
+    """Those of the poses, world_from_tool (4, 4), that the arm can reach."""
     return list(compress(poses, reach.allows_each(np.reshape(poses, (-1, 4, 4)))))
 
 

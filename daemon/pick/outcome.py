@@ -14,7 +14,7 @@ from daemon.pick.looks import Look
 
 @dataclass(frozen=True)
 class PickResult:
-    """The result of a pick: its outcome, why in words, and the code of what caused it; None where nothing did that a
+    """What a pick has come to: its outcome, why in words, and the code of what caused it; None where nothing did that a
     person would look for."""
 
     outcome: Outcome
@@ -38,7 +38,7 @@ class Skipped:
 
 @dataclass(frozen=True, eq=False)
 class CycleEnd:
-    """The end of a pick. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
+    """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
     corners: (N, 3) world mm, where the part's corners were estimated to be; brought: whether the part that
     was grasped was let go over the bin or at its place, and not lost before; place: where it was set down, None: not at
     a place; ended_by: what stopped the arm before the pick had ended, perhaps after its outcome."""
@@ -60,7 +60,7 @@ class CycleEnd:
 
 
 class InGripper(StrEnum):
-    """The finding of a look at the gripper."""
+    """What a look at the gripper shows."""
 
     PART = "part"
     EMPTY = "empty"
@@ -68,14 +68,13 @@ class InGripper(StrEnum):
 
 
 def not_looked_at(label: str, where: str) -> PickResult:
-    """Return the result of a pick as the gripper opens where the part is to go, before a look has judged that."""
+    """What a pick has come to as the gripper opens where the part is to go, before a look has judged that."""
     why = f"{label} was released {where}; no look checked it"
     return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 
 def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
-    """Return the result of a pick whose gripper opened above the bin. above, opened: what it showed before, and
-    after."""
+    """How a pick ends whose gripper opened above the bin. above, opened: what it showed before, and after."""
     if opened is not InGripper.PART and above is InGripper.PART:
         why = f"{label} showed in the gripper above the bin, and no longer once it had opened"
         return PickResult(Outcome.PICKED, why, None)

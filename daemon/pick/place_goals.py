@@ -63,7 +63,7 @@ class Goal:
 
     @property
     def description(self) -> str:
-        """Its name for people: place nest."""
+        """In words: place nest."""
         return TABLE if self.between else f"place {self.place.name}"
 
     @property
@@ -79,7 +79,7 @@ class Goal:
 
     @cached_property
     def outline(self) -> list[list[float]]:
-        """The outline from above: (x, y) world mm of its corners, anticlockwise."""
+        """From above: (x, y) world mm of its corners, anticlockwise."""
         return outline_of(self.corners[:, :2])
 
     def nearest(self, world_from_part: Array) -> Array:
@@ -94,24 +94,24 @@ class Goal:
         """A pose turned about the axis of a body of revolution to be as near as it can to another one (4, 4)."""
         if self.axis is None:
             return pose
-        way = self.axis.way
+        way = self.axis.direction
         about = frames.rotation_from_vector(way * frames.turn_about(way, pose[:3, :3].T @ world_from_part[:3, :3]))
         return pose @ frames.rigid(about, self.axis.point_mm - about @ self.axis.point_mm)
 
     @cached_property
     def axis(self) -> Axis | None:
-        """The axis about which any turn of the part will do; None where one must be kept."""
+        """That about which any turn of the part will do; None where one must be kept."""
         return axis_of_revolution(self.shape) if self.place.settings.equivalents else None
 
     @property
     def spot(self) -> PlaceSpot:
-        """The key under which its status is kept."""
+        """Where its status is kept of."""
         return spot_of(self.place.settings, self.shape, self.poses[0])
 
 
 @dataclass(frozen=True, eq=False)
 class SetDown:
-    """The poses of a set-down: world_from_tool (4, 4) mm over the place, where the gripper opens, clear of the part
+    """How a held part is set down: world_from_tool (4, 4) mm over the place, where the gripper opens, clear of the part
     again, and from where the place is looked at; pose: world_from_part that is aimed at; contact: what it rests on."""
 
     goal: Goal
@@ -129,8 +129,8 @@ class SetDown:
 
 
 class PlaceDeviation(NamedTuple):
-    """The deviation of a part from its place: off_mm of its middle along the support; off_deg of its turn, from the
-    nearest pose that looks the same; height_mm of its middle, above (or below) where it would rest."""
+    """How far a part lies from its place: off_mm of its middle along the support; off_deg of its turn, from the nearest
+    pose that looks the same; height_mm of its middle, above (or below) where it would rest."""
 
     off_mm: float
     off_deg: float
@@ -166,7 +166,7 @@ def outline_of(points: Array) -> list[list[float]]:
 
 
 def spot_of(place_settings: PlaceSettings, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
-    """Return where a part lies, as the status of a place keeps it."""
+    """Where a part lies, as the status of a place keeps it."""
     corners = frames.apply(world_from_part, shape.corners_mm)
     middle = corners.mean(axis=0)
     reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())
@@ -190,7 +190,7 @@ def _on_side(place: Place, shape: Polyhedron) -> Array:
 def set_down_of(
     goal: Goal, pose: Array, tool_from_part: Array, settings: Settings, mounting: CameraMounting
 ) -> SetDown:
-    """Plan how a part that is held like this gets to one of the poses of its goal."""
+    """How a part that is held like this gets to one of the poses of its goal."""
     place_settings = goal.place.settings
     at = paths.lifted(pose, place_settings.release_mm) @ frames.inverse(tool_from_part)
     look = mounting.look_pose(at[:3, :3], goal.centre, settings.verify_mm)
@@ -295,7 +295,7 @@ def fixture_names(fixture: str | None, settings: Settings) -> tuple[str, ...]:
 
 
 def deviation(goal: Goal, world_from_part: Array) -> PlaceDeviation:
-    """Measure how far a part that lies like this is from its goal."""
+    """How far a part that lies like this is from its goal."""
     corners = frames.apply(world_from_part, goal.shape.corners_mm)
     nearest = goal.nearest(world_from_part)
     away = corners.mean(axis=0) - frames.apply(nearest, goal.shape.corners_mm).mean(axis=0)

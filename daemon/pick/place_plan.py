@@ -24,8 +24,7 @@ MAY_HELP = frozenset({CauseCode.NO_WAY_TO_PLACE, CauseCode.OUT_OF_REACH, CauseCo
 
 
 def then_in_words(plan: Plan) -> str:
-    """Describe what follows the first grasp, as the end of a line; empty where that one brings the part to its
-    place."""
+    """What follows the first grasp, as the end of a line; empty where that one brings the part to its place."""
     return f"; then laid on {TABLE} and taken anew, {plan.grasps} grasps in all" if plan.grasps > 1 else ""
 
 
@@ -96,7 +95,7 @@ class PlannedMotion:
 
 @dataclass(frozen=True)
 class SidePlan:
-    """The plan for a part that lies on one side, from 1. found: at how many of so many headings
+    """How a part that lies on one side, from 1, can be brought to a place. found: at how many of so many headings
     (tried); motions: the picks and set-downs of one of these; why: what keeps it from there at one of the others."""
 
     side: int

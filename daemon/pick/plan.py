@@ -30,7 +30,7 @@ SAME_SIDE_RAD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The plan for one part: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
+    """How one part will be taken: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
     (M, 3) world corners of the parts that leave it room; way: how it is set down, at its place, or on the table to be
     taken anew, None: over the bin; grasps: how many bring it to its place, this one counted; destination: that."""
 
@@ -44,7 +44,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Destination:
-    """The destination of a part: the goals that are free, in order; taken: (M, 3) world corners of the parts at others;
+    """Where a part belongs: the goals that are free, in order; taken: (M, 3) world corners of the parts at others;
     reserved: the same of all places, which stay free between two grasps."""
 
     goals: Sequence[Goal]
@@ -63,7 +63,7 @@ class LastStretch(NamedTuple):
 
 
 def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> LastStretch:
-    """Plan from before the grasp to the look after it; centre: the part's (3,)."""
+    """From before the grasp to the look after it; centre: the part's (3,)."""
     at = grasp.world_from_tool
     back = mounting.approach_pose(at, centre, settings.verify_mm)
     return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
@@ -172,8 +172,8 @@ def is_over(mass: Array, shape: Polyhedron, side: int) -> bool:
 
 
 def same_grasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
-    """Return the same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place
-    that its neighbours leave room. None where none is near (the part lies otherwise than was thought: plan again)."""
+    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place that its
+    neighbours leave room. None where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
     table_z_mm, error_mm = settings.limits.table_z_mm, settings.stops.enough_mm
     gripper = settings.gripper.turning or settings.gripper

@@ -58,9 +58,9 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The pose that the looks give together: world_from_part, covariance (6, 6) with everything in it, and at_grasp (6,
-    6), the same with the arm's error at the grasp. Errors predicted there are rms over all directions together (sqrt(3)
-    times what an axis errs by where all err alike)."""
+    """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and at_grasp (6, 6), the
+    same with the arm's error at the grasp. Errors predicted there are rms over all directions together (sqrt(3) times
+    what an axis errs by where all err alike)."""
 
     world_from_part: Array
     covariance: Array
@@ -139,8 +139,7 @@ def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:
 
 
 def suspect(others: Sequence[float]) -> Literal["hand-eye", "part", "unclear"]:
-    """Return which is to blame when two looks at the target disagree. others: chi-squares of the other parts in
-    them."""
+    """Which is to blame when two looks at the target disagree. others: chi-squares of the other parts in them."""
     if not others:
         return "unclear"
     return "hand-eye" if sum(c > CHI_SQUARE_6 for c in others) * 2 >= len(others) else "part"

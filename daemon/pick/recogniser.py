@@ -25,7 +25,7 @@ Image = NDArray[np.uint8]
 
 
 class PartRecogniser(Protocol):
-    """Turns images into parts: ModelRecogniser, or a test's own."""
+    """What turns images into parts: ModelRecogniser, or a test's own."""
 
     def see(self, left: Image, right: Image, table: TablePlane | None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; table: where it is; rig: this pair's, where it is not the
@@ -45,7 +45,7 @@ class PartRecogniser(Protocol):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The taught parts."""
+        """What was taught."""
 
 
 class ModelRecogniser(ByReference):

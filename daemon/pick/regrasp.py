@@ -61,9 +61,9 @@ MOST_TABLES = 32
 
 @dataclass(frozen=True, eq=False)
 class GraspTable:
-    """The facts that depend on part and gripper alone. lying (S, 4, 4): how the part can lie, on a table at z = 0,
-    above the origin; reach_mm (S,): how far it reaches from there along the table. Of G grasps: grasps, and side (G,)
-    on which each was found, both there; part_from_tool (G, 4, 4)."""
+    """What hangs on part and gripper alone. lying (S, 4, 4): how the part can lie, on a table at z = 0, above the
+    origin; reach_mm (S,): how far it reaches from there along the table. Of G grasps: grasps, and side (G,) on which
+    each was found, both there; part_from_tool (G, 4, 4)."""
 
     lying: Array
     reach_mm: Array
@@ -132,7 +132,7 @@ class _PartHeld:
 
 @dataclass(frozen=True, eq=False)
 class Regrasping:
-    """The input of a plan: the part, where it belongs, the arm, what lies beside (neighbours: (M, 3) world corners,
+    """What a plan is made of: the part, where it belongs, the arm, what lies beside (neighbours: (M, 3) world corners,
     mm), and the looks that have shown what of the table is free; none: all of it is."""
 
     shape: Polyhedron
@@ -193,7 +193,7 @@ class Regrasping:
                 yield _PartHeld(frames.inverse(tools[number]) @ world_from_part, found[number])
 
     def _grasps_of(self, pose: Array) -> Sequence[PlannedGrasp]:
-        """Return the grasps of the part as it lies: of the table where it lies on one of its sides."""
+        """Those of the part as it lies: of the table where it lies on one of its sides."""
         gripper, settings = self.settings.gripper.turning, self.settings
         assert gripper is not None
         downs = self.table.lying[:, 2, :3] @ pose[2, :3]
@@ -221,8 +221,7 @@ class Regrasping:
         return sorted(range(len(worth)), key=lambda number: -worth[number])
 
     def _shows_held(self, tool_from_part: Array) -> float:
-        """Return the fraction of the edges facing the cameras that both have in view, of the part in the gripper (4,
-        4)."""
+        """Which share of the edges that face the cameras both have in view, of the part in the gripper (4, 4)."""
         if isinstance(self.mounting, InWorld):
             return 0.0
         near, (ends, bounds) = frames.inverse(self.mounting.tool_from_cyclopean) @ tool_from_part, self.shape.lines
@@ -319,7 +318,7 @@ class Regrasping:
 
     @cached_property
     def _spots(self) -> list[list[Array]]:
-        """Return, for each side, where a part that lies on it is free of others, of places, and was seen to be."""
+        """Of each side: where a part that lies on it is free of others, of places, and was seen to be."""
         taken = beside_of([*self.neighbours, *self.destination.taken, *self.destination.reserved])
         return [
             [spot for spot in free_spots(taken, float(reach), self.settings) if self._seen_free(spot, float(reach))]

@@ -39,7 +39,7 @@ class ObservedPart:
 
     @property
     def taken_for(self) -> Recognition:
-        """The recognition of it: label, probability and why."""
+        """What it was taken for, how surely and why."""
         return self.part.recognition
 
     @property
@@ -58,7 +58,7 @@ class ObservedPart:
 
     @property
     def facets(self) -> tuple[Facet, ...]:
-        """The facets as measured, in the look's cyclopean frame."""
+        """As measured, in the look's cyclopean frame."""
         return self.part.facets
 
     @property
@@ -103,7 +103,7 @@ def is_own(other: ObservedPart, part: ObservedPart) -> bool:
 
 
 def seen_again(seen: Sequence[Facing], viewpoint: Array) -> float:
-    """Return how well the facets separated before would show from the viewpoint (3,), world: 0 to 1, their mean."""
+    """How well the facets separated before would show from the viewpoint (3,), world: 0 to 1, their mean."""
     if not seen:
         return 0.0
     rays = [viewpoint - f.centre for f in seen]
@@ -124,8 +124,8 @@ def in_both_images(look: Look, point: Array) -> bool:
 
 
 def shown_again(before: Look, now: Look) -> tuple[int, int]:
-    """Count, of the parts of one look that lie within both images of the next, how many that one shows where they lay,
-    and how many it does not."""
+    """Of the parts of one look that lie within both images of the next, how many that one shows where they lay, and how
+    many it does not."""
     here = [part.centre for part in seen_parts(now)]
     due = [part.centre for part in seen_parts(before) if in_both_images(now, part.centre)]
     again = sum(any(same_place(old, new) for new in here) for old in due)

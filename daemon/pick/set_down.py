@@ -62,9 +62,9 @@ SIGMAS = 3.0
 
 
 async def measure(context: PickContext, target: Target, taken: CapturedPair) -> Array | None:
-    """Measure how the part is in the gripper, tool_from_part (4, 4) mm, by its edges in the look after the lift and by
-    how it was grasped; None where they do not show, or the two disagree by more than both may err: it slipped, or was
-    not seen well. The part is guarded by its corners there from now on."""
+    """How the part is in the gripper, tool_from_part (4, 4) mm, by its edges in the look after the lift and by how it
+    was grasped; None where they do not show, or the two disagree by more than both may err: it slipped, or was not seen
+    well. The part is guarded by its corners there from now on."""
     doubt = context.settings.doubt
     held = await context.cell.compute(held_pose, target, taken, mount_of(context.cell), doubt)
     if held is None:
@@ -223,7 +223,7 @@ async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceS
 
 
 async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
-    """Locate the one part of this label that lies here, world_from_part (4, 4) mm, by looks from up to three sides.
+    """Where the one part of this label that lies here is, world_from_part (4, 4) mm, by looks from up to three sides.
     Raises RefusedError where there is none, or more than one."""
     shape, reading = context.recogniser.shape(label), context.mover.belief.resting_reading
     assert reading is not None
@@ -365,20 +365,20 @@ def named_at(goal: Goal, seen: Look) -> Fit | None:
 
 
 def judged(goal: Goal, seen: Look, empty: PlaceStatus) -> PlaceFinding:
-    """Return the finding of a look that does not show the part at its place."""
+    """What a look says that does not show the part at its place."""
     if any(same_place(part.centre, goal.centre, AT_PLACE_MM) for part in seen_parts(seen)):
         return PlaceFinding(PlaceStatus.OFF, None, f"something lies there that does not show as {goal.place.part}")
     return PlaceFinding(empty, None, "the looks show nothing there")
 
 
 def combined_pose(goal: Goal, estimate: Estimate) -> PlaceFinding:
-    """Combine the poses of looks that found the part by its edges. Looks err most in height, and a part rests on its
+    """What looks say together that found the part by its edges. Looks err most in height, and a part rests on its
     support: its height counts only where it is more than they may err."""
     off, place_settings = deviation(goal, estimate.world_from_part), goal.place.settings
     variance = np.diag(estimate.covariance)
     any_turn = 0.0  # about the axis of a body of revolution: what no look can say, and no place asks for
     if goal.axis is not None:
-        way = estimate.world_from_part[:3, :3] @ goal.axis.way
+        way = estimate.world_from_part[:3, :3] @ goal.axis.direction
         any_turn = float(way @ estimate.covariance[3:, 3:] @ way)
     errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum() - any_turn)))
     most_height_mm = max(place_settings.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))

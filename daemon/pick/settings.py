@@ -109,7 +109,7 @@ class Settings:
     """When the images count as still."""
 
     def hand_time_s(self, closed: bool) -> float:
-        """Return how long the gripper needs to take hold, or to release."""
+        """How long the gripper needs to take hold, or to let go."""
         return max(self.hand_s, self.gripper.works_s(closed))
 
 

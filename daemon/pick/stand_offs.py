@@ -12,7 +12,7 @@ from daemon.quantities import Few, Length, Turn
 
 @dataclass(frozen=True)
 class StandOffs:
-    """The distances at which the approach looks, and when it has looked enough."""
+    """Where the approach stops to look, and when it has looked enough."""
 
     stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
     """Distances of the cameras from the part at which to stop and look, far to near, mm."""

@@ -111,7 +111,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
 
     @property
     def force_n(self) -> float:
-        """The force of the vacuum, N."""
+        """What the vacuum pulls with, N."""
         return self.vacuum_bar * BAR_N_MM2 * float(np.pi) * self.cup_radius_mm**2
 
     def load(self, weight_n: float, across_mm: float, deep_mm: float, tilt_deg: float) -> float:
@@ -187,7 +187,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return self.load(weight_n, across_mm, deep_mm, tilt_deg)
 
     def spots(self, shape: Polyhedron, facet: int, mass: Array, error_mm: float) -> tuple[list[Spot], str]:
-        """Return where on a facet the cup can sit: nearest below the mass centre (3,), and where most room is; or why
+        """Where on a facet the cup can sit: nearest below the mass centre (3,), and where most room is; or why
         nowhere."""
         points, rooms = rooms_on(shape, facet)
         needed_mm = self.cup_radius_mm + error_mm + self.edge_mm

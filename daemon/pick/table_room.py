@@ -20,7 +20,7 @@ BIN_MM = 150.0
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """The parts on the table beside, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
+    """What lies on the table beside, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
 
     middles: Array
     radii: Array
@@ -49,7 +49,7 @@ class Beside:
 
 
 def beside_of(corners: Sequence[Array]) -> Beside:
-    """Return the cylinders around parts of which some corners are known, (M, 3) each, world mm."""
+    """What things take up some of whose corners are known, (M, 3) each, world mm."""
     spans = [(each.min(axis=0), each.max(axis=0)) for each in corners]
     middles = np.array([(low[:2] + high[:2]) / 2 for low, high in spans]).reshape(-1, 2)
     radii = [np.linalg.norm(c[:, :2] - m, axis=1).max() for c, m in zip(corners, middles, strict=True)]
@@ -79,5 +79,5 @@ def free_spots(beside: Beside, radius_mm: float, settings: Settings) -> list[Arr
 
 
 def _near(spot: Array, box: Array) -> float:
-    """Return how far a point (2,) is from a rectangle, its corners (2, 2)."""
+    """How far a point (2,) is from a rectangle, its corners (2, 2)."""
     return float(np.linalg.norm(np.maximum(np.maximum(box[0] - spot, spot - box[1]), 0.0)))

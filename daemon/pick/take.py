@@ -136,8 +136,8 @@ async def where_to(
 def _judged(
     target: Target, seen: Look, found: Sequence[ObservedPart], settings: Settings, mount: CameraMount
 ) -> tuple[str, DecisionCode | None]:
-    """Judge what a look shows of the part, and, where that speaks against its being in the hand, the cause. found: what
-    lay there before."""
+    """What a look says of the part, and, where that speaks against its being in the hand, the cause. found: what lay
+    there before."""
     if in_hand(target, seen.taken, mount, settings.doubt):
         return "shows in the gripper", None
     hand = seen.reading.world_from_tool[:3, 3]
@@ -208,8 +208,7 @@ async def over_bin(
 def _shown_in_gripper(
     target: Target, before: CapturedPair | None, after: CapturedPair | None, mount: CameraMount, settings: Settings
 ) -> tuple[InGripper, InGripper]:
-    """Recognise the gripper's content in pairs from before it opened and after. Both are needed to tell that the target
-    was."""
+    """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
     above = opened = InGripper.UNCLEAR
     if after is not None and in_hand(target, after, mount, settings.doubt):
         opened = InGripper.PART

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class PickState(StrEnum):
-    """The state of a pick."""
+    """What a pick is at."""
 
     IDLE = "idle"
     SURVEY = "survey"
@@ -51,7 +51,7 @@ SHOWN: Mapping[str, str] = {
 
 
 class PickEvent(StrEnum):
-    """An event that leaves a state."""
+    """What leaves a state."""
 
     BEGIN = "begin"
     FULL_HAND = "full_hand"
@@ -88,7 +88,7 @@ class PickEvent(StrEnum):
 
 
 class Row(NamedTuple):
-    """One transition: in this state this event leads there."""
+    """In this state this event leads there."""
 
     state: PickState
     event: PickEvent
@@ -157,7 +157,6 @@ NEXT = {(row.state, row.event): row.then for row in TABLE}
 
 
 def follows(state: PickState, event: PickEvent, held: PickState) -> PickState:
-    """Return where an event leads from a state; held: where a pause came in. KeyError where the table has no row for
-    it."""
+    """Where an event leads from a state; held: where a pause came in. KeyError where the table has no row for it."""
     then = NEXT.get((state, event)) or NEXT[S.ANY, event]
     return held if then is S.BACK else then

@@ -267,9 +267,9 @@ def closing_directions(solid: Polyhedron, flat: int) -> list[Array]:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """The contact of the closing fingers with the solid, in the tool frame: the two positions along tool y; slip_deg,
-    the most that a contact's normal, or the line between the contacts, is off the closing direction; line_mm (2,) x and
-    z of that line; rounded: only what is round lies along the fingers."""
+    """Where the closing fingers meet the solid, in the tool frame: the two positions along tool y; slip_deg, the most
+    that a contact's normal, or the line between the contacts, is off the closing direction; line_mm (2,) x and z of
+    that line; rounded: only what is round lies along the fingers."""
 
     low_mm: float
     high_mm: float
@@ -287,7 +287,7 @@ class _Sides(NamedTuple):
     flat: int
 
     def seen_from(self, rotation: Array, origin: Array) -> _Sides:
-        """Return the same in a frame with these axes (3, 3) in columns and this origin (3,)."""
+        """The same in a frame with these axes (3, 3) in columns and this origin (3,)."""
         return _Sides((self.outlines - origin) @ rotation, self.normals @ rotation, self.flat)
 
 

@@ -12,7 +12,7 @@ Reachable = Callable[[Array], Flags]
 
 
 def view_worth(shape: Polyhedron, world_from_part: Array, viewpoint: Array) -> float:
-    """Return how well a look from the camera shows the part: facets well seen, the second one counting most (0 to 1).
+    """How well a look from the camera shows the part: facets well seen, the second one counting most (0 to 1).
 
     One facet alone fits too many parts; two that meet fix the part and its pose; a third adds little.
     """

@@ -78,8 +78,8 @@ async def no_sensor() -> None:
 
 @dataclass(frozen=True, eq=False)
 class PickContext:
-    """The tools and settings of a pick. cycle: its number; order: what is still to be picked, this part included;
-    placing: where parts belong; part_held: what the gripper's sensor says, None: it has none."""
+    """What a pick works with. cycle: its number; order: what is still to be picked, this part included; placing: where
+    parts belong; part_held: what the gripper's sensor says, None: it has none."""
 
     cell: Workcell
     mover: Mover
@@ -156,7 +156,7 @@ class PickContext:
 
 @dataclass(frozen=True)
 class InformationGain:
-    """The information gained by one more look. about: what was looked at; before, after: what is thought of it, in the
+    """What one more look has brought. about: what was looked at; before, after: what is thought of it, in the
     operator's words, and the bits that are open; expected: those that the look was to settle; seconds: what the way and
     the look were to take."""
 
@@ -171,7 +171,7 @@ class InformationGain:
 
 @dataclass(frozen=True, eq=False)
 class BeforeDisagreement:
-    """The parts on the table before two looks at a target disagreed: the other parts, and the target."""
+    """What lay on the table before two looks at a target disagreed: the other parts, and the target."""
 
     others: list[ObservedPart]
     itself: list[ObservedPart]
@@ -179,7 +179,7 @@ class BeforeDisagreement:
 
 @dataclass(eq=False, repr=False)
 class WorldModel:
-    """The table as a pick knows it, in the world frame, mm. The running pick has one, and its handlers keep it."""
+    """What a pick knows of the table, in the world frame, mm. The running pick has one, and its handlers keep it."""
 
     skipped: list[Skipped]
     """Parts left alone, from pick to pick."""
@@ -255,7 +255,7 @@ class WorldModel:
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
     def too_long(self, context: PickContext) -> str | None:
-        """Return what disagreed, in words, if the pick has taken more looks or time than any needs; else None."""
+        """What disagreed, in words, where the pick has taken more looks or time than any needs; else None."""
         seconds = context.cell.clock() - self.began_s - self.moved_s
         if self.taken < MOST_LOOKS and seconds < MOST_S:
             return None
@@ -277,7 +277,7 @@ class WorldModel:
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
     def left(self, context: PickContext) -> list[ObservedPart]:
-        """Return the found parts that are or may be wanted, lie at no place in use, and were not skipped, in order."""
+        """What was found, is or may be wanted, lies at no place that is taken, and was not skipped, in order."""
         return [
             part
             for part in ordered(self.found, context.settings.order)

@@ -17,14 +17,14 @@ import numpy as np
 from daemon.events.codes import CauseCode, cause_code
 from daemon.events.outcomes import NOTHING_TO_PICK, Outcome, is_success, tally
 from daemon.review.digest import Digest
-from daemon.review.why import causes_of_record
+from daemon.review.failure_causes import causes_of_record
 
 PAUSED = "paused by a person"
 NO_FAULT = frozenset({CauseCode.OPERATOR_ABORT, CauseCode.OPERATOR_NO})
 """A single pick that a person ended so is over: nobody has to clear anything."""
 IDEAL_QUANTILE = 0.1
 """The ideal cycle time is that of the fastest tenth of the good picks."""
-LEAST_PICKS = 5
+MIN_PICKS = 5
 """Least number of good picks for this measure; with fewer there is no OEE."""
 
 
@@ -107,7 +107,7 @@ def use_of_time(runs: Sequence[Digest]) -> dict[str, Any]:
     picking_s, down_s = seconds[Doing.PICKING], seconds[Doing.DOWN]
     factors: dict[str, float | None] = {"availability": None, "performance": None, "quality": None}
     ideal_s = None
-    if len(good_s) >= LEAST_PICKS and picking_s > 0:
+    if len(good_s) >= MIN_PICKS and picking_s > 0:
         ideal_s = float(np.quantile(good_s, IDEAL_QUANTILE))
         factors = {
             "availability": picking_s / (picking_s + down_s),

@@ -32,7 +32,7 @@ TITLES = {
     "epipolar": "epipolar error",
 }
 AXES = ("pitch", "roll", "vergence")
-MOST_POINTS = 2000
+MAX_POINTS = 2000
 """Largest number of points of a line in the page: of more looks, each point is the worst of several."""
 
 Json = dict[str, Any]
@@ -61,7 +61,7 @@ class Strip:
             ends = (self.limit * NEAR, self.limit) if self.above else (-self.limit / NEAR, -self.limit)
             value = worst if self.above else -worst
             near = 2 if value > ends[1] else int(value > ends[0] and self.limit > 0)
-        each = -(-len(self.s) // MOST_POINTS) or 1
+        each = -(-len(self.s) // MAX_POINTS) or 1
         plain = {k: [None if v is None else float(f"{v:.4g}") for v in line] for k, line in self._fewer(each).items()}
         return {"name": self.name, "unit": self.unit, "limit": self.limit, "above": self.above, "s": self.s[::each],
                 "each": each, "lines": plain, "worst": worst, "near": near}  # fmt: skip

@@ -15,15 +15,15 @@ from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
 from daemon.events.records import Record
 from daemon.pick.transitions import SHOWN
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
+from daemon.review.failure_causes import causes, in_plain_words
 from daemon.review.measures import strips
 from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
 from daemon.review.record_words import ended_in_words, record_words
 from daemon.review.set_downs import places_json
-from daemon.review.why import causes, in_plain_words
 from daemon.store.place_status import PlaceStatus
 
-MOST_CYCLES = MOST_EVENTS = 1000
+MAX_CYCLES = MAX_EVENTS = 1000
 """Largest number of cycles and events shown, the newest ones; figures and measures cover all."""
 Json = dict[str, Any]
 
@@ -51,18 +51,18 @@ def page_data(digest: Digest) -> Json:
         "timeline": timeline(shown_of(digest)),
         "strips": strips(digest),
         "cycles": [cycle_json(c, digest.cycles, digest.going) for c in shown_of(digest).cycles],
-        "cycles_left_out": max(0, len(digest.cycles) - MOST_CYCLES),
+        "cycles_left_out": max(0, len(digest.cycles) - MAX_CYCLES),
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "places": places_json(digest, shown_of(digest)),
-        "events": happened[-MOST_EVENTS:],
-        "events_left_out": max(0, len(happened) - MOST_EVENTS),
+        "events": happened[-MAX_EVENTS:],
+        "events_left_out": max(0, len(happened) - MAX_EVENTS),
         "states": {SHOWN.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
     }
 
 
 def shown_of(digest: Digest) -> Digest:
     """The run with its newest cycles only: a page of 10,000 cycles had 102 MB, and no browser opened it."""
-    return replace(digest, cycles=digest.cycles[-MOST_CYCLES:])
+    return replace(digest, cycles=digest.cycles[-MAX_CYCLES:])
 
 
 def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:

@@ -14,8 +14,8 @@ from daemon.events.codes import BY_SUMMARY
 from daemon.events.outcomes import UNFINISHED, Outcome, is_success, tally
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.downtime import use_of_time
+from daemon.review.failure_causes import causes, causes_of_record
 from daemon.review.not_counted import picks_not_counted
-from daemon.review.why import causes, causes_of_record
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""

@@ -88,14 +88,14 @@ class PLCInputs:
         self._on.clear()
 
 
-def handed_in(environment: Mapping[str, str] = os.environ) -> socket.socket | None:
-    """The listening socket NAME from systemd, not inherited by child processes; None without one."""
+def handed_in(name: str = NAME, environment: Mapping[str, str] = os.environ) -> socket.socket | None:
+    """The listening socket of that name from systemd, not inherited by child processes; None without one."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return None
     names = environment.get("LISTEN_FDNAMES", "").split(":")
     count = int(environment.get("LISTEN_FDS", "0"))
     for number, given in enumerate(names[:count], start=FIRST_FD):
-        if given == NAME:
+        if given == name:
             os.set_inheritable(number, False)
             return socket.socket(fileno=number)
     return None

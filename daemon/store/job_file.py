@@ -17,9 +17,9 @@ from daemon.store.place_file import BIN, NAME, CellPlaces
 from daemon.store.yamlfile import Document, read
 
 FOLDER, SUFFIX = "jobs", ".yaml"
-MOST_STEPS = 12
+MAX_STEPS = 12
 """Most steps of a job: the rest of an order must fit twice into a slot of the recovery file."""
-MOST_TIMES = 10_000
+MAX_TIMES = 10_000
 StepCount = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seconds = Annotated[float, Meta(ge=1, le=3600)]
 
@@ -42,7 +42,7 @@ class JobFile:
 
     version: Literal[1]
     """Version of the file's format."""
-    steps: Annotated[tuple[JobStep, ...], Meta(min_length=1, max_length=MOST_STEPS)]
+    steps: Annotated[tuple[JobStep, ...], Meta(min_length=1, max_length=MAX_STEPS)]
     """What is to be picked, at most 12 steps."""
     order: Literal["in turn", "any"] = "in turn"
     """One step after the other, or whichever of their parts is recognised best."""

@@ -27,9 +27,9 @@ _AROUND = 12
 
 
 LARGEST_BYTES = 50_000_000
-MOST_PIXELS = 20_000_000
+MAX_PIXELS = 20_000_000
 """Largest decoded image; a file of 1 MB can declare a thousand million pixels."""
-MOST_SCANS = 100
+MAX_SCANS = 100
 """Largest number of scans of a JPEG: each costs a pass over all pixels, of as few as thirty bytes; progressive files
 have ten."""
 
@@ -55,10 +55,10 @@ def _decoded(path: Path, folder: Path | None, flags: int) -> NDArray[Any]:
     """Decode with cv2.imdecode. libpng reports damage on stderr, so that a PNG is checked first."""
     content = read_file(path, LARGEST_BYTES) if folder is None else read_below(folder, str(path), LARGEST_BYTES)
     pixels = claimed_pixels(content)
-    if pixels is not None and pixels > MOST_PIXELS:
-        raise PictureError(f"{path}: too large: {pixels / 1e6:.0f} million pixels, at most {MOST_PIXELS // 1_000_000}")
-    if content.startswith(JPEG) and content.count(SCAN) > MOST_SCANS:
-        raise PictureError(f"{path}: {content.count(SCAN)} scans, at most {MOST_SCANS} are read")
+    if pixels is not None and pixels > MAX_PIXELS:
+        raise PictureError(f"{path}: too large: {pixels / 1e6:.0f} million pixels, at most {MAX_PIXELS // 1_000_000}")
+    if content.startswith(JPEG) and content.count(SCAN) > MAX_SCANS:
+        raise PictureError(f"{path}: {content.count(SCAN)} scans, at most {MAX_SCANS} are read")
     try:
         complete = pixels is not None and not (content.startswith(PNG) and _is_damaged(content))
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if complete else None

@@ -30,7 +30,7 @@ FILE = "places.yaml"
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
 BIN = "bin"
 """The name that a job uses for the bin."""
-MOST_PLACES = 1000
+MAX_PLACES = 1000
 RESIDUAL_MM = 2.0
 """Largest distance, mm, of a pattern's fourth corner from where the other three put it."""
 SQUARE_DEG = 5.0
@@ -138,7 +138,7 @@ class PatternEntry(PlaceSettings):
     """Distance from layer to layer, mm."""
     order: Literal["rows", "columns", "snake"] = "rows"
     """Row by row, column by column, or row by row with every second row backwards; layer by layer."""
-    skip: tuple[Annotated[int, Meta(ge=1, le=MOST_PLACES)], ...] = ()
+    skip: tuple[Annotated[int, Meta(ge=1, le=MAX_PLACES)], ...] = ()
     """Numbers of places that stay empty, counted from 1 in that order."""
 
 
@@ -226,8 +226,8 @@ def load_places(path: Path) -> CellPlaces:
         places += of_pattern
         if off_mm is not None:
             residuals_mm[name] = off_mm
-    if len(places) > MOST_PLACES:
-        raise document.error((), f"expected at most {MOST_PLACES} places, found {len(places)}")
+    if len(places) > MAX_PLACES:
+        raise document.error((), f"expected at most {MAX_PLACES} places, found {len(places)}")
     fixtures = tuple(Fixture(name, entry) for name, entry in file.fixtures.items())
     return CellPlaces(file, tuple(places), fixtures, residuals_mm)
 

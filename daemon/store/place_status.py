@@ -30,7 +30,7 @@ from daemon.store.outside import FileError
 FILE = "place-status.json"
 """File name in the state folder."""
 MEND = "look at every place, delete the file, and set each with `place check` or `place clear`"
-MOST_LEFT = 1000
+MAX_LEFTOVERS = 1000
 """Largest number of spots with a left part that are stored; older ones are dropped."""
 AT_PLACE_MM = 40.0
 """A part counts as at a place where their middles are no farther apart."""
@@ -168,14 +168,14 @@ class PlaceStatuses:
         if status is PlaceStatus.TO_LOOK_AT or not follows:
             raise ValueError(f"place {name}: {status} cannot follow {before}")
         now, at = spot or self._spots.get(name), datetime.now(UTC).isoformat(timespec="seconds")
-        left, old = list(file.left), file.places.get(name)
+        leftovers, old = list(file.left), file.places.get(name)
         if old is not None and now is not None and _moved(old, now):
-            left.append(old)
+            leftovers.append(old)
         if now is not None:
-            left = [each for each in left if not _answered(each, now)]
+            leftovers = [each for each in leftovers if not _is_answered(each, now)]
         number = 1 + max((each.number for each in (*file.places.values(), *file.left)), default=0)
         state = _State(status, off_mm, off_deg, why[:500], at, number, None if now is None else _kept(now))
-        self._write({**file.places, name: state}, left)
+        self._write({**file.places, name: state}, leftovers)
         return _state_of(state)
 
     def forget(self, names: set[str]) -> None:
@@ -196,8 +196,8 @@ class PlaceStatuses:
             raise FileError(f"{self.path}: damaged, a status that is never written; {MEND}")
         return file
 
-    def _write(self, places: dict[str, _State], left: list[_State]) -> None:
-        kept = [each for each in left if each.status not in FILLABLE and each.spot is not None][-MOST_LEFT:]
+    def _write(self, places: dict[str, _State], leftovers: list[_State]) -> None:
+        kept = [each for each in leftovers if each.status not in FILLABLE and each.spot is not None][-MAX_LEFTOVERS:]
         file = _StatusFile(2, places, tuple(kept))
         with failing_as(FileError, f"{self.path}: not kept"):
             write_atomically(self.path, msgspec.json.encode(file))
@@ -208,20 +208,22 @@ def _known(file: _StatusFile, spots: Mapping[str, PlaceSpot]) -> dict[str, Place
     """The status of every place that is stored or has a spot."""
     moved = {name: _moved(state, spots[name]) for name, state in file.places.items() if name in spots}
     # What may lie where no place of today answers for it: of places that are gone, and of those that moved.
-    left = [*file.left]
-    left += [s for name, s in file.places.items() if s.status not in FILLABLE and (name not in spots or moved[name])]
+    leftovers = [*file.left]
+    leftovers += [
+        s for name, s in file.places.items() if s.status not in FILLABLE and (name not in spots or moved[name])
+    ]
     return {
-        name: _known_at(file.places.get(name), spots.get(name), moved.get(name, ""), left)
+        name: _known_at(file.places.get(name), spots.get(name), moved.get(name, ""), leftovers)
         for name in {**file.places, **spots}
     }
 
 
-def _known_at(state: _State | None, now: PlaceSpot | None, moved: str, left: Sequence[_State]) -> PlaceState:
+def _known_at(state: _State | None, now: PlaceSpot | None, moved: str, leftovers: Sequence[_State]) -> PlaceState:
     """The status of one place; left: parts that may lie anywhere."""
     if moved:
         return PlaceState(PlaceStatus.TO_LOOK_AT, why=moved, at="" if state is None else state.at)
     since = -1 if state is None else state.number
-    for each in left:
+    for each in leftovers:
         if now is not None and each.number > since and _overlap(each, now):
             part = "something" if each.spot is None else each.spot.part
             why = f"a place that is no longer there was {each.status} here: {part} may lie here"
@@ -258,22 +260,25 @@ def _moved(state: _State, now: PlaceSpot) -> str:
     return f"{was} turned by {turned_deg:.1f} degrees from how it is now" if turned_deg > now.tolerance_deg else ""
 
 
-def _overlap(left: _State, now: PlaceSpot) -> bool:
+def _overlap(leftover: _State, now: PlaceSpot) -> bool:
     """Whether a part left at one spot may reach to another."""
-    if left.spot is None:
+    if leftover.spot is None:
         return False
-    return _apart_mm(left.spot, now) < max(left.spot.reach_mm + now.reach_mm, AT_PLACE_MM) + _beside_mm(left)
+    reach_mm = max(leftover.spot.reach_mm + now.reach_mm, AT_PLACE_MM)
+    return _apart_mm(leftover.spot, now) < reach_mm + _beside_mm(leftover)
 
 
-def _answered(left: _State, now: PlaceSpot) -> bool:
+def _is_answered(leftover: _State, now: PlaceSpot) -> bool:
     """Whether a look at a place shows what was left at a spot."""
-    return left.spot is not None and _apart_mm(left.spot, now) + _beside_mm(left) < AT_PLACE_MM + now.tolerance_mm
+    if leftover.spot is None:
+        return False
+    return _apart_mm(leftover.spot, now) + _beside_mm(leftover) < AT_PLACE_MM + now.tolerance_mm
 
 
-def _beside_mm(left: _State) -> float:
+def _beside_mm(leftover: _State) -> float:
     """The largest distance from a spot at which a part left there may lie."""
-    return AT_PLACE_MM if left.status is PlaceStatus.OFF else 0.0
+    return AT_PLACE_MM if leftover.status is PlaceStatus.OFF else 0.0
 
 
-def _apart_mm(left: _Spot, now: PlaceSpot) -> float:
-    return float(np.linalg.norm(np.array(left.middle_mm) - now.middle_mm))
+def _apart_mm(spot: _Spot, now: PlaceSpot) -> float:
+    return float(np.linalg.norm(np.array(spot.middle_mm) - now.middle_mm))

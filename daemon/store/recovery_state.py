@@ -129,7 +129,7 @@ class RecoveryFile(OpenFile):
         self._counter += 1
 
 
-def left_behind(path: Path, ran_before: bool) -> RecoveryState | None:
+def read_interrupted_state(path: Path, ran_before: bool) -> RecoveryState | None:
     """The state that the last daemon left where a person must check the cell; else None.
 
     A damaged file, or a missing or empty one although there were runs before, counts as such a state: the gripper may

@@ -26,7 +26,7 @@ RUN = "run.jsonl"
 LARGEST_RUN = 256_000_000
 """Bytes read of one run.jsonl. The daemon starts a new run folder long before (log.roll_mb, which counts pictures
 too)."""
-MOST_RUNS = 5_000
+MAX_RUNS = 5_000
 """Largest number of runs kept, however small: each one is scanned at every start and every minute."""
 RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
@@ -170,7 +170,7 @@ def enforce_quota(
 ) -> list[Path]:
     """Remove runs until the rest fits: oldest first, runs with a failure last, never the current one.
 
-    It also removes runs while the disk has less than min_free_bytes free, or there are more than MOST_RUNS. Returns the
+    It also removes runs while the disk has less than min_free_bytes free, or there are more than MAX_RUNS. Returns the
     removed folders. A run that cannot be removed goes to `stuck` with the reason and counts no longer: otherwise all
     others would be removed for it. Links do not count: they lead to runs elsewhere.
     """
@@ -181,7 +181,7 @@ def enforce_quota(
     removed: list[Path] = []
 
     def fits() -> bool:
-        few = total <= limit_bytes and len(sizes) <= MOST_RUNS
+        few = total <= limit_bytes and len(sizes) <= MAX_RUNS
         return few and shutil.disk_usage(runs).free >= min_free_bytes
 
     if fits():
@@ -216,7 +216,7 @@ def _bytes_below(folder: str, changed_ns: int) -> int:
     scanned = _SCANNED.get(folder)
     if scanned is not None and scanned[0] == changed_ns:
         return scanned[1]
-    if len(_SCANNED) >= 2 * MOST_RUNS:
+    if len(_SCANNED) >= 2 * MAX_RUNS:
         _SCANNED.clear()
     size, left = 0, [folder]
     while left:

@@ -46,7 +46,7 @@ class LOADER(BASE_LOADER):  # type: ignore[misc]
 
 LOADER.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 LARGEST_BYTES = 1_000_000
-MOST_VALUES, DEEPEST = 50_000, 40
+MAX_VALUES, DEEPEST = 50_000, 40
 """Largest number of values of a file with its aliases expanded, and its deepest nesting."""
 
 
@@ -347,8 +347,8 @@ def _refuse_bombs(path: Path, text: str) -> None:
             count += weights.get(str(event.anchor), 1) if isinstance(event, yaml.AliasEvent) else 1
             if isinstance(event, yaml.CollectionStartEvent):
                 open_from.append((event.anchor, count))
-        if count > MOST_VALUES or len(open_from) > DEEPEST:
-            what = f"more than {MOST_VALUES} values" if count > MOST_VALUES else f"lists or keys {DEEPEST} deep"
+        if count > MAX_VALUES or len(open_from) > DEEPEST:
+            what = f"more than {MAX_VALUES} values" if count > MAX_VALUES else f"lists or keys {DEEPEST} deep"
             line = f":{event.start_mark.line + 1}" if event.start_mark else ""
             raise ConfigError(f"{path}{line}: {what}, more than any file of facetd needs")
 

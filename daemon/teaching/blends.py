@@ -17,7 +17,7 @@ BETWEEN_COS = 0.3
 """Smallest cosine between the normals of a blend and a face that it joins: the wall of a step or a bore is square to
 it."""
 CROSSING_SIN = 0.1
-LEAST_DETERMINANT = 0.05
+MIN_DETERMINANT = 0.05
 FARTHEST_MM = 5.0
 """Largest distance, mm, by which a border may be extended."""
 SAME_MM = 0.05
@@ -33,7 +33,7 @@ class Blends:
     flat: Flags
 
 
-def blends(regions: FlatRegions, owner: Index) -> Blends:
+def find_blends(regions: FlatRegions, owner: Index) -> Blends:
     """Find the narrow strips between flat faces. owner (R,): the curved surface of each region, or -1."""
     small = np.array([_narrow(regions, region, owner) for region in range(len(owner))], bool)
     beside = np.zeros((len(owner), len(owner)), bool)
@@ -74,35 +74,35 @@ class Borders:
     rings: dict[int, list[tuple[int, int]]]
 
 
-def borders(regions: FlatRegions, faces: list[int], found: Blends) -> Borders:
+def borders(regions: FlatRegions, faces: list[int], blends: Blends) -> Borders:
     """The outer border of each face, extended across blends to the planes of the faces beyond."""
     points = list(regions.corners)
     rings = {}
     for face in faces:
         ring = regions.loops[face][0]
         direct = [regions.beyond[side] for side in sides_of(ring)]
-        across = [_across(regions, face, side, found) for side in sides_of(ring)]
+        across = [_across(regions, face, side, blends) for side in sides_of(ring)]
         beyond = [region if other is None else other for region, other in zip(direct, across, strict=True)]
         made = []
         for k, corner in enumerate(ring):
             blended = across[k - 1] is not None or across[k] is not None
             if blended and beyond[k - 1] == beyond[k]:
                 continue
-            planes = [face, *(one for one in (beyond[k - 1], beyond[k]) if found.flat[one])]
+            planes = [face, *(one for one in (beyond[k - 1], beyond[k]) if blends.flat[one])]
             made.append((_met(points, regions, planes, corner) if blended else corner, beyond[k]))
         rings[face] = made
     return Borders(points, rings)
 
 
-def _across(regions: FlatRegions, face: int, side: tuple[int, int], found: Blends) -> int | None:
+def _across(regions: FlatRegions, face: int, side: tuple[int, int], blends: Blends) -> int | None:
     """The flat face beyond the blend at a side: the one with the nearest plane; None if there is no blend."""
-    cluster = int(found.cluster[regions.beyond[side]])
+    cluster = int(blends.cluster[regions.beyond[side]])
     if cluster < 0:
         return None
     ends = regions.corners[list(side)]
     crossing = [
         (float(np.abs((ends - regions.corners[regions.loops[other][0][0]]) @ regions.normals[other]).max()), other)
-        for other in found.joins[cluster]
+        for other in blends.joins[cluster]
         if np.linalg.norm(np.cross(regions.normals[face], regions.normals[other])) > CROSSING_SIN
     ]
     return min(crossing)[1] if crossing and min(crossing)[0] < FARTHEST_MM else None
@@ -113,7 +113,7 @@ def _met(points: list[Array], regions: FlatRegions, planes: list[int], corner: i
     not."""
     normals = regions.normals[planes]
     levels = np.array([normals[k] @ regions.corners[regions.loops[p][0][0]] for k, p in enumerate(planes)])
-    if len(planes) == 3 and abs(np.linalg.det(normals)) < LEAST_DETERMINANT:
+    if len(planes) == 3 and abs(np.linalg.det(normals)) < MIN_DETERMINANT:
         return corner
     old = points[corner]
     new = old + np.linalg.pinv(normals) @ (levels - normals @ old)

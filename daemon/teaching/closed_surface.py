@@ -18,7 +18,7 @@ SAME_CORNER_MM = 0.01
 """Corners nearer than half of this along each axis are one corner."""
 SPLITS = 8
 """Largest number of times that an edge is split again while corners lie in its pieces."""
-LEAST_VOLUME_MM3 = 1.0
+MIN_VOLUME_MM3 = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _oriented(corners: Array, triangles: list[Triangle]) -> list[list[Triangle]]
 def _outward(corners: Array, triangles: list[Triangle]) -> list[Triangle]:
     """Wind the triangles so that the volume is positive. Raises MeshError where there is none."""
     volume_mm3 = _volume(corners, triangles)
-    if abs(volume_mm3) < LEAST_VOLUME_MM3:
+    if abs(volume_mm3) < MIN_VOLUME_MM3:
         raise MeshError(f"{_extent(corners, triangles)} has no inside; repair the mesh")
     return triangles if volume_mm3 > 0 else [(p, r, q) for p, q, r in triangles]
 

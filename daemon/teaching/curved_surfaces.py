@@ -16,7 +16,7 @@ STRIP_RAD = np.radians(31.0)
 """Largest turn from strip to strip: twelve strips to a circle, and a margin."""
 ALIKE_WIDTHS = 3.0
 """Largest ratio of widths of neighbouring strips; a flat face is wider than the strips of its fillet."""
-FEWEST_STRIPS, SURE_STRIPS, EVENLY = 3, 6, 1.5
+MIN_STRIPS, SURE_STRIPS, EVENLY = 3, 6, 1.5
 """Least number of neighbouring flat faces that are a curved surface; fewer than the second must turn evenly, within the
 third."""
 ROUND_SHARE = 0.02
@@ -68,7 +68,7 @@ def curved_surfaces(regions: FlatRegions) -> tuple[CurvedSurface, ...]:
     found = []
     for members in connected(linked):
         own = [turn for (one, _), turn in turns.items() if one in set(members)] if len(members) < SURE_STRIPS else [1.0]
-        if len(members) >= FEWEST_STRIPS and max(own) < EVENLY * min(own):
+        if len(members) >= MIN_STRIPS and max(own) < EVENLY * min(own):
             found.append(_surface(regions, tuple(members), turns))
     return tuple(found)
 

@@ -15,7 +15,7 @@ from daemon.teaching.flat_regions import FlatRegions
 from daemon.vision.geometry import Hole, axes_in, fit_circle, sides_of
 
 ON_CIRCLE_MM = 0.05
-FEWEST_ROUND = 7
+MIN_ROUND = 7
 """Corners of a rim on one circle; with fewer it may be a polygon."""
 ROUND_CORNERS = 48
 """Corners of a round rim: of 30 mm its chords are 0.06 mm off it, an eighth of a px at the nearest look."""
@@ -52,7 +52,7 @@ def _rim(points: Array, normal: Array, step_mm: float) -> Array:
     across = axes_in(normal)
     flat = points @ across.T
     centre, radius, off = fit_circle(flat)
-    if len(points) < FEWEST_ROUND or off > ON_CIRCLE_MM + step_mm:
+    if len(points) < MIN_ROUND or off > ON_CIRCLE_MM + step_mm:
         return points
     turns = 2 * np.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
     ring = centre + radius * np.column_stack([np.cos(turns), np.sin(turns)])

@@ -100,7 +100,7 @@ def read_obj(content: bytes) -> Mesh:
     rows: list[tuple[float, ...]] = []
     faces: list[tuple[int, list[str], int]] = []
     numbers, odd = Numbers(), Words("OBJ")
-    for line, text in joined(lines(plain(content))):
+    for line, text in join_lines(lines(plain(content))):
         words = text.split()
         first = words[0].lower()
         if first == "v":
@@ -222,11 +222,11 @@ def lines(content: bytes) -> list[Line]:
     return [(number, text) for number, text in texts if text]
 
 
-def joined(found: list[Line]) -> list[Line]:
+def join_lines(numbered: list[Line]) -> list[Line]:
     """Join each line that ends in a backslash with the next, under the number of the first."""
     whole: list[Line] = []
     going_on = False
-    for number, text in found:
+    for number, text in numbered:
         if going_on:
             number, before = whole.pop()
             text = f"{before} {text}"

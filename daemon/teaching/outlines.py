@@ -16,7 +16,7 @@ STRAIGHT_RAD = np.radians(0.4)
 """A border that turns by less has no corner there, but continues a side; two facets that turn by a little more are
 one."""
 ON_CIRCLE_MM = 0.05
-ARC_POINTS, FEWEST_POINTS = 7.6, 9
+ARC_POINTS, MIN_POINTS = 7.6, 9
 """Points on an arc: for each radian, and at least; as on a round hole's rim."""
 
 
@@ -34,10 +34,10 @@ class Outlines:
     arcs: list[tuple[int, Array]] = field(default_factory=list)
 
 
-def outlines(regions: FlatRegions, owner: Index, found: Blends, step_mm: float) -> Outlines:
+def outlines(regions: FlatRegions, owner: Index, blends: Blends, step_mm: float) -> Outlines:
     """The outer ring of each flat face; owner (R,): the curved surface of each region, or -1."""
-    faces = np.flatnonzero(found.flat).tolist()
-    drawn = borders(regions, faces, found)
+    faces = np.flatnonzero(blends.flat).tolist()
+    drawn = borders(regions, faces, blends)
     made = Outlines(drawn.points)
     for face in faces:
         ring = [corner for corner, _ in drawn.rings[face]]
@@ -108,7 +108,7 @@ def _arc(points: Array, closed: bool, near_mm: float) -> tuple[Array, Array] | N
     sweep = float(angles[-1] - angles[0])
     shares, out = chord_turns(radius, sweep, closed)
     at = angles[0] + sweep * shares
-    along = angles[0] + sweep * np.linspace(0, 1, max(int(ARC_POINTS * abs(sweep)), FEWEST_POINTS))
+    along = angles[0] + sweep * np.linspace(0, 1, max(int(ARC_POINTS * abs(sweep)), MIN_POINTS))
     chords, arc = (
         middle + (centre + size * radius * np.column_stack([np.cos(turn), np.sin(turn)])) @ np.array([x, y])
         for size, turn in ((out, at), (1.0, along))

@@ -20,7 +20,7 @@ from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_s
 
 AT_TABLE_MM = 3.0
 """An edge with both ends this near to the table is where the part touches it."""
-LEAST_SEEN, LEAST_OPEN = 2, 4
+MIN_SEEN, MIN_OPEN = 2, 4
 """Least number of places from which a side must be seen to be learnt, unless others close it in: one seen once may be a
 shadow. The second number applies where nothing is known beyond one of its edges above the table, and another side of
 the part is in front of it, whose shadow may end there; then all its corners must have been measured, too."""
@@ -52,7 +52,7 @@ def learn_from_looks(fused: FusedLooks | None, table_mm: float, library: FacetLi
     doubt_mm = np.sqrt(np.trace(fused.polyhedron.covariance_mm2, axis1=1, axis2=2) / 3)
     closed = _closed_in(fused.polyhedron, table_mm)
     sure = [k for k, ring in enumerate(fused.polyhedron.rings) if doubt_mm[ring].max() < DOUBTFUL_MM]
-    part = fused.only([k for k in sure if sides[k] >= LEAST_SEEN or k in closed])
+    part = fused.only([k for k in sure if sides[k] >= MIN_SEEN or k in closed])
     closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
     part = part.only([k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
     whole = max(part.connected_facets(), key=len, default=[])
@@ -105,7 +105,7 @@ def _ends(part: FusedLooks, facet: int, look_count: int) -> bool:
         if owner != facet and edge[::-1] not in solid.edges
     )
     free = off.max() < IN_PLANE_MM and not goes_on
-    return bool(free or (look_count >= LEAST_OPEN and part.looks_at[ring].all()))
+    return bool(free or (look_count >= MIN_OPEN and part.looks_at[ring].all()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.teaching.blends import Blends, blends
+from daemon.teaching.blends import Blends, find_blends
 from daemon.teaching.closed_surface import Surface, closed_surface
 from daemon.teaching.curved_surfaces import CurvedSurface, curved_surfaces, owners
 from daemon.teaching.flat_regions import FlatRegions, flat_regions
@@ -20,9 +20,9 @@ from daemon.teaching.outlines import outlines
 from daemon.vision.geometry import OutlineArc, Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
-MOST_PIECES = 6000
+MAX_PIECES = 6000
 """Largest number of flat pieces of a surface that are examined; a machined part's drawing has fewer."""
-MOST_FACETS = 200
+MAX_FACETS = 200
 WORN = "small fillets and chamfers ({} in all, those that meet as one) are taken for edges that are worn"
 DRAWN_MM = 0.05
 """Error of corners in a drawing (one standard deviation); the model handles that of real parts."""
@@ -75,16 +75,16 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
     """The solid that a mesh bounds. Raises MeshError where it bounds none, or one without flat facets."""
     surface = closed_surface(mesh)
     regions = flat_regions(surface, mesh.step_mm)
-    if len(regions.areas) > MOST_PIECES:
-        raise MeshError(f"{len(regions.areas)} flat pieces, at most {MOST_PIECES}; export it with a coarser tolerance")
+    if len(regions.areas) > MAX_PIECES:
+        raise MeshError(f"{len(regions.areas)} flat pieces, at most {MAX_PIECES}; export it with a coarser tolerance")
     curved = curved_surfaces(regions)
     owner = owners(regions, curved)
-    small = blends(regions, owner)
+    small = find_blends(regions, owner)
     faces = np.flatnonzero(small.flat).tolist()
     if len(faces) < 2:
         raise MeshError(f"{len(faces)} flat facets: a curved surface; a part needs at least 2")
-    if len(faces) > MOST_FACETS:
-        raise MeshError(f"{len(faces)} flat facets; a part may have at most {MOST_FACETS}")
+    if len(faces) > MAX_FACETS:
+        raise MeshError(f"{len(faces)} flat facets; a part may have at most {MAX_FACETS}")
     solid, origin = _solid(regions, owner, small, mesh.step_mm, library)
     curved = tuple(one for one in curved if (small.cluster[list(one.regions)] < 0).any())
     solid = replace(solid, covers=np.concatenate([np.zeros((0, 4, 3)), *(one.covers - origin for one in curved)]))

@@ -354,10 +354,10 @@ def teaching_note(
     }
 
 
-def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
+def _sides(part: Part, taught: Polyhedron) -> list[int | None]:
     """Return for each facet of a part the side of the taught one at that place; None where there is none."""
-    centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
-    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
+    centres = frames.apply(part.cyclopean_from_part, taught.centres_mm)
+    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in part.facets]
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 

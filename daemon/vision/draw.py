@@ -25,7 +25,7 @@ SHOWS: Colour = (80, 220, 80)
 SHOWS_NOT: Colour = (60, 60, 255)
 NAMED: tuple[Colour, ...] = ((80, 220, 80), (240, 200, 60), (220, 110, 240), (90, 220, 240))
 MARGIN = 26
-MOST_NUMBERS = 12
+MAX_NUMBERS = 12
 DASH_PX = 4.0  # of the image as seen; an edge that does not show is dashed, for those who do not tell red from green
 
 
@@ -129,7 +129,7 @@ def _refusals(scene: Scene) -> list[str]:
     for n, refused in enumerate(scene.rejected, 1):
         numbers.setdefault(f"{refused.camera}: {refused.reason}", []).append(f"x{n}")
     return [
-        f"{' '.join(some[:MOST_NUMBERS])}{' ...' * (len(some) > MOST_NUMBERS)} {why}" for why, some in numbers.items()
+        f"{' '.join(some[:MAX_NUMBERS])}{' ...' * (len(some) > MAX_NUMBERS)} {why}" for why, some in numbers.items()
     ]
 
 

@@ -179,7 +179,7 @@ class Part:
         """Whether it was taken for a taught part."""
         return self.recognition.label != UNKNOWN
 
-    def laid(self, pose: Array, covariance: Array, fitted_mm: tuple[Array, ...]) -> Part:
+    def at_pose(self, pose: Array, covariance: Array, fitted_mm: tuple[Array, ...]) -> Part:
         """The part at another pose (4, 4), with its corners there; the poses that fit as well go with it."""
         turn = pose @ frames.inverse(self.cyclopean_from_part)
         return replace(

@@ -23,17 +23,17 @@ from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.ground_truth import GroundTruth
 from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, MotionRecord, ReleaseRecord
-from drivers.simcell.monitor_log import VerdictFile
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
-from drivers.simcell.presentation import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
+from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import GripperKind, load_truth, rigid_matrix
+from drivers.simcell.verdict import VerdictFile
+from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
 
 PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
@@ -101,7 +101,7 @@ class SimulatedCell:
         verdict: Path | None = None,
     ) -> None:
         """loop: runs the cell on its own time, without pty or thread (None: real time); verdict: file to which
-        the motion monitor writes its findings for another process (monitor_log.py).
+        the motion monitor writes its findings for another process (verdict.py).
 
         Patterns and prints are on the table and the parts there; a part held up for teaching is bare, over a plain
         cloth.
@@ -158,7 +158,7 @@ class SimulatedCell:
             self._verdict = VerdictFile(
                 verdict, self.motion_monitor, self._machine.history, self.server.now_s, self._real_s
             )
-        self.truth = GroundTruth(self._settings, self.world, self._machine, self.world_from_tool)
+        self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def _body(self) -> ArmSpheres:
         """The arm with what is on it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, ClassVar, Literal
 
-from drivers.val2.conversation import INVALIDATING_CHARACTERS
+from drivers.val2.conversation import POISON
 from drivers.val2.location import apart
 from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Text, Where, WhereTable
 
@@ -125,7 +125,7 @@ class ContactFindings:
     def stop_bytes(self) -> bytes:
         """The bytes that stop the arm, as far as is known; a half-typed line first becomes an error."""
         words = [self.stop_word, *(word for word in STOP_WORDS if word != self.stop_word)]
-        return b"".join(part + self.end for part in (INVALIDATING_CHARACTERS, *(word.encode() for word in words)))
+        return b"".join(part + self.end for part in (POISON, *(word.encode() for word in words)))
 
     def found(self, name: str, value: Any, how: str, sure: Sure = "certain") -> None:
         """Store a finding."""

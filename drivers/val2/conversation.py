@@ -32,7 +32,7 @@ from drivers.val2.wire import (
     of_a_table,
 )
 
-INVALIDATING_CHARACTERS = b"!!"
+POISON = b"!!"
 """Makes a half-typed line an error instead of a command, where it could not be cancelled."""
 A_PROMPT = "a prompt"
 TWICE = (
@@ -170,12 +170,11 @@ class Conversation:
         command: str,
         replies: Sequence[str],
         timeout_s: float,
-        reply_is_for: Callable[[str], bool] = bool,
+        meant: Callable[[str], bool] = bool,
         moves: bool = False,
     ) -> ControllerAnswer:
         """Type a command, reply to its questions, and collect everything up to the prompt, or up to a question without
-        a reply. reply_is_for: whether the replies are meant for a question; moves: end the line only if motion is
-        permitted.
+        a reply. meant: whether the replies are meant for a question; moves: end the line only if motion is permitted.
 
         Raises Garbled, NoAnswer, LineHeldBack, Preempted, PortError; ValueError for text that cannot be typed.
         """
@@ -188,7 +187,7 @@ class Conversation:
             otherwise = f"no answer to {command!r} within {timeout_s:g} s"
             event = await self.next_event(timeout_s, otherwise, PendingAnswer(command))
             gathered.append(event)
-            if isinstance(event, ControllerQuestion) and left and reply_is_for(event.text):
+            if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
                 self.line_may_have_leftover = False
@@ -253,7 +252,7 @@ class Conversation:
         collected: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):
-            poison = b"" if cancel and attempt == 0 else INVALIDATING_CHARACTERS
+            poison = b"" if cancel and attempt == 0 else POISON
             self._owed.search_typed([echo for echo in (in_carets(cancel), poison) if echo])
             await self.type_raw(cancel + poison + (self.dialect.line_end if poison else b""))
             seen = len(collected)

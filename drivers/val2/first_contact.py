@@ -39,7 +39,7 @@ from drivers.val2.contact_findings import (
     listen,
     same_place,
 )
-from drivers.val2.conversation import INVALIDATING_CHARACTERS
+from drivers.val2.conversation import POISON
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import HALTED
 from drivers.val2.first_contact_moves import FINE_DIGITS, STEP_DEG, first_moves
@@ -85,9 +85,9 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
         if end == ENDS[0]:
             yield Speed(baud)
             yield Exchange(b"", 0.5, 0.5)
-        answer = yield from ask(known, INVALIDATING_CHARACTERS.decode())
+        answer = yield from ask(known, POISON.decode())
         if answer.prompt:  # one that was on its way when this was typed is no answer to it
-            answer = yield from ask(known, INVALIDATING_CHARACTERS.decode())
+            answer = yield from ask(known, POISON.decode())
         if answer.prompt or answer.question:
             break
         if is_halted(answer.raw):
@@ -112,19 +112,19 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
     if not all(map(USUAL.asks_after_power_up, asked)):
         known.found("power_up_asks", [*USUAL.power_up_asks, *asked], "asked before the first prompt")
     if asked:
-        answer = yield from ask(known, INVALIDATING_CHARACTERS.decode())
+        answer = yield from ask(known, POISON.decode())
     if not answer.prompt:
         raise UnclearError(f"no prompt after a line; it said {answer.raw!r}. Is a program running, or the arm at work?")
     if not answer.errors:
         raise UnclearError(
-            f"{INVALIDATING_CHARACTERS.decode()!r} is not a command of VAL, but was answered by {answer.raw!r} instead "
-            "of an error between asterisks. Is this a VAL controller's terminal line?"
+            f"{POISON.decode()!r} is not a command of VAL, but was answered by {answer.raw!r} instead of an error "
+            "between asterisks. Is this a VAL controller's terminal line?"
         )
-    known.found("errors", answer.errors[0], f"the answer to {INVALIDATING_CHARACTERS.decode()!r}")
+    known.found("errors", answer.errors[0], f"the answer to {POISON.decode()!r}")
     known.found("prompt", answer.prompt, "what stood behind the answer, alone on its line")
     known.found("prompt_late_s", round(answer.late_s, 2), "seconds between the answer and its prompt")
     known.found("resync_s", round(max(1.0, 2.0 * answer.late_s + 0.5), 1), "twice that, and some", "likely")
-    breaks = answer.raw.replace(INVALIDATING_CHARACTERS, b"").strip(b" .")
+    breaks = answer.raw.replace(POISON, b"").strip(b" .")
     newline = next((end for end in (b"\r\n", b"\n\r", b"\r", b"\n") if end in breaks), b"\r\n")
     known.found("newline", newline.decode(), "between its lines")
 
@@ -182,7 +182,7 @@ def _line(known: ContactFindings) -> Steps:
         known.found(name, answer.where is not None, f"{typed!r} was {'taken' if answer.where else 'refused'}")
     if not known.findings["abbreviations"].value:
         known.found("calibrate_word", "CALIBRATE", "it wants words whole; nothing that moves is tried", "assumed")
-    yield Exchange(INVALIDATING_CHARACTERS + b"\x15", 0.3, 1.0, CAREFUL_S)
+    yield Exchange(POISON + b"\x15", 0.3, 1.0, CAREFUL_S)
     answer = yield from ask(known, "WHERE", 5.0)
     cancels = answer.where is not None
     known.found(
@@ -214,7 +214,7 @@ def _pace(known: ContactFindings) -> Steps:
             )
             return
         known.pace_s = CAREFUL_S
-        yield from ask(known, INVALIDATING_CHARACTERS.decode())
+        yield from ask(known, POISON.decode())
     known.found("character_pause_s", CAREFUL_S, "at a quicker pace characters were lost", "likely")
 
 

@@ -23,7 +23,7 @@ from drivers.val2.contact_findings import (
     errors_in,
     listen,
 )
-from drivers.val2.conversation import INVALIDATING_CHARACTERS
+from drivers.val2.conversation import POISON
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import lacks_zero
 from drivers.val2.wire import Where
@@ -176,7 +176,7 @@ def _typed(known: ContactFindings, text: str) -> Steps:
         heard: Heard = yield Exchange(text.encode(), 0.1, _typing_s(known, text), known.pace_s)
         if not known.findings["echo"].value or heard.data.endswith(text.encode()):
             return
-        yield from ask(known, INVALIDATING_CHARACTERS.decode())
+        yield from ask(known, POISON.decode())
     raise UnclearError(f"{text!r} came back as {heard.data!r}, three times, and was not ended: noise on the line?")
 
 

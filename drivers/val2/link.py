@@ -3,19 +3,6 @@
 Commands of several tasks take turns; `stop_motion` does not wait for its turn. If the echo of a command was garbled,
 its line was not ended, so the command is typed again. If its *answer* was lost, it may have been carried out, so a
 motion is not repeated: the link finds the prompt again, reads WHERE, and raises an error with what it knows.
-
-A line is typed and its answer read through these layers, from the outermost:
-
-- `Link.command`, `Link.ask_plainly`, and each method that moves the arm: take a turn of the line. `command` returns the
-  whole answer, `ask_plainly` the printed lines of a line that moves nothing.
-- `Link._carry_out`: several lines in one turn; it knows which of them move the arm.
-- `LineSession.ask`: types a line again whose echo was garbled, and so was not ended.
-- `LineSession.ask_once`: one try; it detects somebody else's typing.
-- `LineSession.retry_after_leftover`: repeats a line once that was appended to a leftover of an earlier one.
-- `Conversation.ask`: types the line, checks the permission before the last byte of a motion, collects the answer.
-
-`LineSession.accept` then turns the controller's error messages into exceptions. A stop (`Link.stop_motion`) waits for
-none of these: it takes the line at once.
 """
 
 import asyncio
@@ -27,13 +14,7 @@ from typing import Any
 
 from drivers.ledger import Ledger
 from drivers.val2 import commands
-from drivers.val2.conversation import (
-    INVALIDATING_CHARACTERS,
-    ControllerAnswer,
-    Conversation,
-    SendPermission,
-    Unconditional,
-)
+from drivers.val2.conversation import POISON, ControllerAnswer, Conversation, SendPermission, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -495,7 +476,7 @@ class Link:
         lines: Sequence[str],
         replies: Sequence[str],
         timeout_s: float | None,
-        reply_is_for: Callable[[str], bool] = bool,
+        meant: Callable[[str], bool] = bool,
     ) -> ControllerAnswer:
         """Type several lines in one turn, so that no stop can come between them unnoticed. Returns the last answer."""
         session = self._open_session
@@ -504,9 +485,7 @@ class Link:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
                 moves = commands.moves_the_arm(line)
                 default_s = self.dialect.motion_s if moves else self.dialect.answer_s
-                answer = session.accept(
-                    await session.ask(talk, line, replies, timeout_s or default_s, reply_is_for, moves)
-                )
+                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, moves))
         return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
@@ -581,7 +560,7 @@ class Link:
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        await talk.type_raw((before or self.dialect.cancel_line) + INVALIDATING_CHARACTERS + end + word + end + word)
+        await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         session.stop_typed = True
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 
 from drivers.ledger import Ledger
 from drivers.val2 import commands
-from drivers.val2.conversation import A_PROMPT, INVALIDATING_CHARACTERS, ControllerAnswer, Conversation, SendPermission
+from drivers.val2.conversation import A_PROMPT, POISON, ControllerAnswer, Conversation, SendPermission
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -34,7 +34,7 @@ QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
 CONFIRMS = "are you sure"
 """The controller's question that confirms a command; if it is open when the line is opened, an earlier user typed the
 command."""
-MARKER = INVALIDATING_CHARACTERS.decode() + "0"
+MARKER = POISON.decode() + "0"
 """A line that no controller accepts. A person may type POISON."""
 
 
@@ -225,7 +225,7 @@ class LineSession:
         text: str,
         replies: Sequence[str],
         wait_s: float,
-        reply_is_for: Callable[[str], bool] = bool,
+        meant: Callable[[str], bool] = bool,
         moves: bool = False,
         first: Callable[[], Awaitable[None]] | None = None,
     ) -> ControllerAnswer:
@@ -236,7 +236,7 @@ class LineSession:
                 await first()
             self._refuse_others(talk.unheard_of_others())
             try:
-                return await self.ask_once(talk, text, replies, wait_s, reply_is_for, moves)
+                return await self.ask_once(talk, text, replies, wait_s, meant, moves)
             except (Garbled, NoAnswer, LineHeldBack) as caught:
                 problem = caught
             if isinstance(problem, Interleaved):
@@ -260,13 +260,13 @@ class LineSession:
         text: str,
         replies: Sequence[str],
         wait_s: float,
-        reply_is_for: Callable[[str], bool] = bool,
+        meant: Callable[[str], bool] = bool,
         moves: bool = False,
     ) -> ControllerAnswer:
         """Type a command once, and check that its answer contains nothing of somebody else's. Raises as
         Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
         came twice."""
-        answer = await self.retry_after_leftover(talk, lambda: talk.ask(text, replies, wait_s, reply_is_for, moves))
+        answer = await self.retry_after_leftover(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
         if answer.question is None and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]
             # A refusal may have lines of its own; what follows a prompt was typed, and the error may be its answer.
@@ -281,9 +281,9 @@ class LineSession:
     ) -> ControllerAnswer:
         """Type a line. If it was the first after a prompt search and was refused as unknown, type it once more: it had
         been appended to a leftover of an earlier line, and was not executed."""
-        may_have_leftover = talk.line_may_have_leftover
+        may_hold_rest = talk.line_may_have_leftover
         answer = await type_it()
-        if may_have_leftover and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
+        if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
             answer = await type_it()
         return answer
 

@@ -38,7 +38,7 @@ EYE = stereo_images.CameraImage
 BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "pixels": (stereo_images.open_stereo, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
     "outlines": (stereo_images.outlines_near, EYE.rough),
-    "corners": (stereo_images.fits,),
+    "corners": (stereo_images.fitted_outlines,),
     "matching": (candidates.in_both, candidates.match_polygons, candidates.candidates, candidates.choose),
     "welding": (merge_vertices, corner_adjustment.adjust_corners),
     "facets, rest": (

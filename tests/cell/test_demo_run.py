@@ -17,7 +17,7 @@ import pytest
 
 from daemon.cli import demo as job
 from daemon.ctl import main as facetctl
-from daemon.store.recovery_state import FILE, left_behind
+from daemon.store.recovery_state import FILE, read_interrupted_state
 from tests.fakes.once import made_once
 from tests.fakes.waiting import PATIENCE_S
 
@@ -105,7 +105,9 @@ def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run_and_nothing_to
     assert (process.returncode, error) == (1, "")
     (run,) = (tmp_path / "runs").iterdir()
     assert json.loads((run / "run.jsonl").read_text().splitlines()[-1])["kind"] == "run_end"
-    assert left_behind(tmp_path / FILE, ran_before=True) is None, "the newcomer's first daemon starts without a fault"
+    assert read_interrupted_state(tmp_path / FILE, ran_before=True) is None, (
+        "the newcomer's first daemon starts without a fault"
+    )
 
 
 @pytest.mark.long

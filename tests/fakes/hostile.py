@@ -55,7 +55,7 @@ from daemon.store.named_positions import NamedPositions
 from daemon.store.npz import Arrays, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
-from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, read_interrupted_state
 from daemon.store.runs import check_wire, read_run
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.vision.model import empty_model, learn_view
@@ -363,7 +363,7 @@ READERS = (
     Reader("model that fits", lambda: (json.dumps(_model_parts()[0]).encode(),), _fitting_model),
     Reader("places", lambda: (PLACES,), _places),
     Reader("wire", lambda: (b'{"seq": 1, "chain": ""}\n{"seq": 2, "chain": "x"}',), _wire),
-    Reader("standing", _standings, partial(_file, partial(left_behind, ran_before=True))),
+    Reader("standing", _standings, partial(_file, partial(read_interrupted_state, ran_before=True))),
     Reader("view", lambda: (b'{"v": 1, "table": {"up": [0, 0, 1], "level_mm": 3}, "facets": [["square"]]}',), _view),
     Reader("models in use", lambda: (b'{"current": 3, "candidate": null, "history": [1, 2]}',), _state),
     Reader(

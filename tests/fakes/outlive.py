@@ -247,19 +247,17 @@ def strike(daemon: Beside, act: Act, after_s: float, found: Found, name: str) ->
     with daemon.cell.server.controller() as controller:
         controller.lines.clear()
     come_back(daemon, found, name, in_cycle)
-    ground_truth(daemon, found, name)
+    witness(daemon, found, name)
     go_on(daemon, found, name)
 
 
-def ground_truth(daemon: Beside, found: Found, name: str) -> None:
+def witness(daemon: Beside, found: Found, name: str) -> None:
     """The commands that the controller received since the kill, and whether the daemon knows the arm's position."""
     with daemon.cell.server.controller() as controller:
         lines = [line for line in controller.lines if not any(mark in line for mark in POISONED)]
-    reply_is_for = sent(daemon).replace("\x15", "\r").split("\r")
+    meant = sent(daemon).replace("\x15", "\r").split("\r")
     found.moved += [f"{name}: {line!r} was carried out after a restart" for line in lines if moves_the_arm(line)]
-    found.moved += [
-        f"{name}: {line!r} was carried out, which nobody typed" for line in lines if line not in reply_is_for
-    ]
+    found.moved += [f"{name}: {line!r} was carried out, which nobody typed" for line in lines if line not in meant]
     daemon.answer_questions()
     where = daemon.do("where")
     off = np.abs(np.subtract((where["data"] or {}).get("joints_deg", np.inf), daemon.joints_deg())).max()

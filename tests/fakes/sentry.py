@@ -19,7 +19,7 @@ import cv2
 from daemon.frontends.client import DaemonUnreachableError
 from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
-from daemon.store.recovery_state import FILE, left_behind
+from daemon.store.recovery_state import FILE, read_interrupted_state
 from daemon.store.runs import check_wire, list_runs, read_run
 from tests.fakes.running import Running
 
@@ -131,7 +131,7 @@ def look_over(daemon: Sentry, found: Found, name: str) -> bool:
     missing = [text for text in daemon.acknowledged if not text.startswith(UNRECORDED) and text not in said]
     found.unanswered += [f"{name}: `{text}` was answered and is not in the log" for text in missing]
     found.corrupt += [f"{name}: {text}" for text in corrupt_files(daemon.folder / "state")]
-    left = left_behind(daemon.folder / "state" / FILE, ran_before=True)
+    left = read_interrupted_state(daemon.folder / "state" / FILE, ran_before=True)
     return left is not None and (left.cycle is not None or left.hand_closed)
 
 

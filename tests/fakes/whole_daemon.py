@@ -65,8 +65,8 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
-from drivers.simcell.presentation import VIEWS as STANDS
 from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere

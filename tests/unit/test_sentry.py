@@ -15,7 +15,7 @@ import pytest
 from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
-from tests.fakes.outlive import Beside, Ways, ground_truth
+from tests.fakes.outlive import Beside, Ways, witness
 from tests.fakes.sentry import Found, Sentry, come_back, go_on, look_over
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
@@ -172,7 +172,7 @@ def test_a_cell_that_was_told_what_nobody_typed_is_complained_about(
         assert log.settle()
         with daemon.cell.server.controller() as controller:
             controller.receive(line, controller.now_s)
-        ground_truth(daemon, found, "a kill")
+        witness(daemon, found, "a kill")
     finally:
         daemon.close()
     assert found.well if complaint is None else any(complaint in text for text in found.complaints), found

@@ -22,7 +22,7 @@ parts .196 mm off on average for .172 mm: where few sides hold a corner, to lose
 SHARP = 1e9
 """Holds an unknown that would be negative to nought."""
 
-LEAST_VARIANCE = 1e-12
+MIN_VARIANCE = 1e-12
 """Smallest share of the largest variance of a covariance that any of its variances is taken for."""
 STEPS = 2  # Gauss-Newton steps after the closed-form start; a third would be below a micrometre
 
@@ -100,7 +100,7 @@ def whitener(covariance: Array) -> Array:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
     except np.linalg.LinAlgError:
         squares, ways = np.linalg.eigh(covariance)
-        least = LEAST_VARIANCE * np.abs(squares).max(-1, keepdims=True)
+        least = MIN_VARIANCE * np.abs(squares).max(-1, keepdims=True)
         return np.asarray(np.swapaxes(ways, -1, -2) / np.sqrt(np.maximum(squares, least))[..., None])
 
 

@@ -15,4 +15,4 @@ from daemon.vision.health.examination import (
     troubles,
 )
 from daemon.vision.health.exposure import Pictures, exposure_factors
-from daemon.vision.health.steadiness import MOST_IMAGES, Steadiness, measure_steadiness, overridden
+from daemon.vision.health.steadiness import MAX_IMAGES, Steadiness, measure_steadiness, overridden

@@ -18,10 +18,10 @@ A_PX, B_PX = 1.0, 2.0
 SOBEL_VAR, PIXEL_VAR = 0.5, 1.0 / 12.0
 """Blur (px^2) that a 3x3 Sobel mask adds along the gradient, and that a square pixel has anyway."""
 DIRECTIONS = 6
-LEAST_EDGES = 40
-LEAST_CHANGE = 1.2
+MIN_EDGES = 40
+MIN_CHANGE = 1.2
 """Least difference, grey levels a block, of the means of neighbouring blocks for a clear edge to be there."""
-MOST_PX = 12.0
+MAX_PX = 12.0
 """Blur beyond which the two slopes are too alike to tell more."""
 
 
@@ -53,7 +53,7 @@ def _busy(image: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """The part of an image in which grey levels change at all, with room for the blurs; None where none does."""
     blocks = block_means(image)
     across, down = (np.abs(cv2.Sobel(blocks, cv2.CV_64F, dx, 1 - dx, ksize=3, scale=0.125)) for dx in (1, 0))
-    rows, columns = (np.flatnonzero((np.maximum(across, down) > LEAST_CHANGE).any(axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((np.maximum(across, down) > MIN_CHANGE).any(axis)) for axis in (1, 0))
     if not len(rows):
         return None
     top, left = (max(0, int(first[0] - 2) * BLOCK_PX) for first in (rows, columns))
@@ -69,14 +69,14 @@ def measure_blur(image: NDArray[np.uint8]) -> Blur:
     gx, gy = _slopes(grey, A_PX)
     slope = cv2.magnitude(gx, gy)
     edge = (slope >= 0.98 * cv2.dilate(slope, np.ones((3, 3)))) & (slope > _clear_slope(slope[::4, ::4]))
-    if int(edge.sum()) < LEAST_EDGES:
+    if int(edge.sum()) < MIN_EDGES:
         return Blur(float("nan"), float("nan"), int(edge.sum()))
     direction = np.floor(np.arctan2(gy[edge], gx[edge]) % np.pi / (np.pi / DIRECTIONS)).astype(int) % DIRECTIONS
     sigma = _sigma(slope[edge] / np.maximum(cv2.magnitude(*_slopes(grey, B_PX))[edge], 1e-6))
     per_direction = [
         float(np.quantile(sigma[direction == k], 0.3))
         for k in range(DIRECTIONS)
-        if np.count_nonzero(direction == k) >= LEAST_EDGES
+        if np.count_nonzero(direction == k) >= MIN_EDGES
     ] or [float(np.quantile(sigma, 0.3))]
     return Blur(min(per_direction), max(per_direction), int(edge.sum()))
 
@@ -90,5 +90,5 @@ def _clear_slope(slope: NDArray[Any]) -> float:
 def _sigma(ratio: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Blur px from the ratio (> 1) of the slopes after A_PX and B_PX."""
     a, b = A_PX**2 + SOBEL_VAR + PIXEL_VAR, B_PX**2 + SOBEL_VAR + PIXEL_VAR
-    squared = np.clip(ratio.astype(float) ** 2, 1.0 + (b - a) / (MOST_PX**2 + a), b / a)
+    squared = np.clip(ratio.astype(float) ** 2, 1.0 + (b - a) / (MAX_PX**2 + a), b / a)
     return np.asarray(np.sqrt(np.maximum((b - squared * a) / (squared - 1.0), 0.0)))

@@ -17,16 +17,16 @@ from daemon.arrays import Array
 from daemon.vision.geometry import StereoRig
 
 PATCH_PX, BAND_PX = 10, 16
-MOST_POINTS, LEAST_POINTS = 60, 5
-LEAST_ALIKE = 0.8
-LEAST_LEAD = 0.03
+MAX_POINTS, MIN_POINTS = 60, 5
+MIN_SIMILARITY = 0.8
+MIN_LEAD = 0.03
 """Least lead in similarity of the best place over any other a patch away: one row of dots is as good as the next."""
 NEAR_MM, FAR_MM = 80.0, 3000.0
 CLEAR_PX = 1.0
 """Least difference, px, of the distances from the lines one way round and the other for a decision."""
 ALIKE_PX = 1.2
 """Points this much alike in their distance from the lines are together: a patch is placed to a pixel."""
-LEAST_TOGETHER, MOST_TOGETHER = 0.4, 0.7
+MIN_TOGETHER, MAX_TOGETHER = 0.4, 0.7
 """Share of the points that must be together on their lines to be believed, and together off them: grain and repeated
 patterns match anywhere."""
 NEAR_ENOUGH = 0.5
@@ -50,7 +50,7 @@ def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig
     """
     unknown = Assignment.UNKNOWN, float("nan")
     a, b = matched_points(left, right)
-    if len(a) < LEAST_POINTS:
+    if len(a) < MIN_POINTS:
         return unknown
     here, turned = _fit(a, b, rig), _fit(a, b, StereoRig(rig.right, rig.left, rig.image_size))
     if abs(here.off_px - turned.off_px) < CLEAR_PX:
@@ -59,7 +59,7 @@ def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig
         return Assignment.RIGHT, here.off_px
     if turned.on_line and turned.off_px < here.off_px:
         return Assignment.SWAPPED, float("nan")
-    return (Assignment.NEITHER, here.off_px) if here.together > MOST_TOGETHER else unknown
+    return (Assignment.NEITHER, here.off_px) if here.together > MAX_TOGETHER else unknown
 
 
 def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[A
     size first, then to the pixel."""
     half = [np.asarray(cv2.resize(i, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
             for i in (left, right)]  # fmt: skip
-    corners = cv2.goodFeaturesToTrack(half[0], MOST_POINTS, 0.02, 4)
+    corners = cv2.goodFeaturesToTrack(half[0], MAX_POINTS, 0.02, 4)
     pairs = []
     for x, y in [] if corners is None else np.rint(corners[:, 0]).astype(int):
         coarse = _found(half[0], half[1], (x, y), PATCH_PX // 2, (0, half[1].shape[1]), (y, BAND_PX // 2))
@@ -103,10 +103,10 @@ def _found(
         other[top:bottom, first:end], image[y - patch : y + patch + 1, x - patch : x + patch + 1], cv2.TM_CCOEFF_NORMED
     )
     _, best, _, (u, v) = cv2.minMaxLoc(alike)
-    if best < LEAST_ALIKE:
+    if best < MIN_SIMILARITY:
         return None
     alike[max(v - patch, 0) : v + patch + 1, max(u - patch, 0) : u + patch + 1] = -1.0
-    return None if float(alike.max()) > best - LEAST_LEAD else (first + u + patch, top + v + patch)
+    return None if float(alike.max()) > best - MIN_LEAD else (first + u + patch, top + v + patch)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class _Fit:
 
     @property
     def on_line(self) -> bool:
-        return self.off_px < ALIKE_PX and self.together > LEAST_TOGETHER and self.plausible > NEAR_ENOUGH
+        return self.off_px < ALIKE_PX and self.together > MIN_TOGETHER and self.plausible > NEAR_ENOUGH
 
 
 def _fit(left_px: Array, right_px: Array, rig: StereoRig) -> _Fit:

@@ -16,7 +16,7 @@ from daemon.vision.values import FacetView, Part, Scene
 
 AXES = ("pitched", "rolled", "turned in")
 """About the right camera's x, z and y axes: what `turn` counts, in this order."""
-FEWEST_VOTES = 6
+MIN_VOTES = 6
 VOTE_SIGMA_PX = 0.25
 CLEAR_LEAD = 1.5
 """Least number of corners of either camera that agree on an offset, sigma, px, of their agreement, and least ratio of
@@ -127,7 +127,7 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array, most_px: float 
     offset, and the true ones vote alike. Of the pairs of one corner only one is true: it has one vote for an offset,
     whatever lies in a row with it, as the dots of a print or the weave of a table do.
     """
-    if min(len(left_px), len(right_px)) < FEWEST_VOTES:
+    if min(len(left_px), len(right_px)) < MIN_VOTES:
         return np.zeros((0, 2)), np.zeros((0, 2))
     i, j = (k.ravel() for k in np.indices((len(left_px), len(right_px))))
     lines, rays = _lines_and_rays(rig, left_px, right_px)
@@ -135,7 +135,7 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array, most_px: float 
     depth_mm = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
     likely = (np.abs(gaps) < REACH_PX) & (depth_mm > DEPTHS_MM[0]) & (depth_mm < DEPTHS_MM[1])
     i, j, gaps = i[likely], j[likely], gaps[likely]
-    if len(gaps) < FEWEST_VOTES:
+    if len(gaps) < MIN_VOTES:
         return np.zeros((0, 2)), np.zeros((0, 2))
     offsets = np.arange(-REACH_PX, REACH_PX, 0.1)
     nearness = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2)
@@ -144,7 +144,7 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array, most_px: float 
     rival = float(votes[np.abs(offsets - best) > 4 * VOTE_SIGMA_PX].max())
     near = np.abs(gaps - best) < 3 * VOTE_SIGMA_PX
     corners = min(len(np.unique(i[near])), len(np.unique(j[near])))
-    if abs(best) > most_px or corners < FEWEST_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
+    if abs(best) > most_px or corners < MIN_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
         return np.zeros((0, 2)), np.zeros((0, 2))
     return left_px[i[near]], right_px[j[near]]
 

@@ -18,11 +18,11 @@ Pictures = tuple[Image, Image]
 
 AROUND_PX = 8  # of its surroundings counts as the part's: its edges need light on both sides
 BRIGHT_PERCENT = 99.0
-LEAST_LEVEL, GOOD_LEVEL = 70.0, 180.0
+MIN_LEVEL, GOOD_LEVEL = 70.0, 180.0
 """Grey levels of what is brightest about the parts: below the first, edges between their faces drown in noise."""
-LEAST_EMPTY, GOOD_EMPTY = 25.0, 90.0
+MIN_EMPTY, GOOD_EMPTY = 25.0, 90.0
 """Least and good brightness of a picture without a part: a dark table is as it should be."""
-MOST_BURNT = 0.05
+MAX_BURNT = 0.05
 """Share of the parts and their surroundings that may be burnt out: glints."""
 UNEQUAL = 1.15
 """Largest ratio of the brightness of the two cameras."""
@@ -57,7 +57,7 @@ def exposure_factors(pictures: Pictures, parts: Sequence[Part]) -> tuple[float, 
     grounds = [
         ground([both[camera] for both in seen], picture) if seen else picture for camera, picture in enumerate(pictures)
     ]
-    least, good = (LEAST_LEVEL, GOOD_LEVEL) if seen else (LEAST_EMPTY, GOOD_EMPTY)
+    least, good = (MIN_LEVEL, GOOD_LEVEL) if seen else (MIN_EMPTY, GOOD_EMPTY)
     means = [max(float(np.median(block_means(picture))), 1.0) for picture in pictures]
     ratio = means[0] / means[1]
     unequal = not 1 / UNEQUAL < ratio < UNEQUAL
@@ -65,7 +65,7 @@ def exposure_factors(pictures: Pictures, parts: Sequence[Part]) -> tuple[float, 
     shares = [float(np.mean(levels >= SATURATED)) for levels in grounds]
     burnt = min(shares) if unequal else max(shares)
     both = 1.0
-    if burnt > MOST_BURNT:
+    if burnt > MAX_BURNT:
         both = good / 255.0 * (1.0 - 0.6 * burnt)  # how far above the top the level is, nobody can see
     elif bright < least:
         both = good / max(bright, 1.0)

@@ -19,12 +19,12 @@ from daemon.vision.image import SATURATED
 Image = NDArray[np.uint8]
 Array32 = NDArray[np.float32]
 
-MOST_IMAGES = 48
+MAX_IMAGES = 48
 WIDTH_PX, BANDS = 320, 6
 """Images are measured at this width, in bands of rows one above the other."""
 STILL_PX, MOVING_PX = 0.3, 1.5
 """Shift from image to image below which the scene is still, and above which it moves, at WIDTH_PX."""
-LEAST_LIKE = 0.15
+MIN_SIMILARITY = 0.15
 """Least response of the phase correlation of two images for their shift to count."""
 BRIGHTNESS_CHANGE, FOCUS_CHANGE = 0.05, 0.06
 """Changes, as shares, beyond which exposure and focus are not held; noise alone stays below a tenth of each."""
@@ -32,7 +32,7 @@ STEEP_PERCENT = 99.5
 """Pixels steeper than so many of 100 show the focus: in a scene of few parts most of an image is plain."""
 UNMOVED = 0.95
 """Brightness, as a share of before, above which a shortened exposure has had no lasting effect."""
-LEAST_SPEED_CHANGE_PX = 0.3
+MIN_SPEED_CHANGE_PX = 0.3
 """Least spread of the changes of speed, px an image, that separates a rolling shutter's shear from perspective."""
 ROLLING_S, SURE = 0.004, 4.0
 """Readout time from which a shutter is called rolling, and by how many standard errors."""
@@ -154,7 +154,7 @@ def _readout(steps: Array, like: Array, size: Array, taken_s: Array) -> tuple[fl
     unknown = (float("nan"), float("nan"))
     if len(steps) < 4 or (size > MOVING_PX).sum() < 3:
         return unknown
-    good = (like > LEAST_LIKE).mean(axis=0) > 0.8
+    good = (like > MIN_SIMILARITY).mean(axis=0) > 0.8
     if good.sum() < 3:
         return unknown
     main = np.median(steps[:, good], axis=1)
@@ -162,7 +162,7 @@ def _readout(steps: Array, like: Array, size: Array, taken_s: Array) -> tuple[fl
     way = main @ along
     faster = np.diff(np.gradient(np.r_[0.0, np.cumsum(way)], taken_s))
     apart = faster - way * (way @ faster) / max(way @ way, 1e-9)
-    if np.std(apart) * float(np.median(np.diff(taken_s))) < LEAST_SPEED_CHANGE_PX:
+    if np.std(apart) * float(np.median(np.diff(taken_s))) < MIN_SPEED_CHANGE_PX:
         return unknown
     shape = np.column_stack([way, faster])
     delays_s = np.linalg.lstsq(shape, (steps @ along)[:, good], rcond=None)[0][1]

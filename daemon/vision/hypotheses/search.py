@@ -30,7 +30,7 @@ from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, ideal, pixels, taught_solids
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
 from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_poses
-from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
+from daemon.vision.image import SegmentCorners, StereoImages, join_segments, ranks, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import facet_kind_counts, facet_placements, suspected_poses
 from daemon.vision.refine import turned
@@ -78,7 +78,7 @@ class Search:
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
         """The corners where straight segments meet, of either camera."""
-        left, right = (segment_corners(joined(view.segments)) for view in self.images.views)
+        left, right = (segment_corners(join_segments(view.segments)) for view in self.images.views)
         return left, right
 
 

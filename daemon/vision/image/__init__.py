@@ -24,10 +24,10 @@ from daemon.vision.image.segments import (
     SegmentCorners,
     Segments,
     find_segments,
-    joined,
+    join_segments,
     pairs_within,
     ranks,
     runs,
     segment_corners,
 )
-from daemon.vision.image.stereo_images import CameraImage, StereoImages, fits, open_stereo, outlines_near
+from daemon.vision.image.stereo_images import CameraImage, StereoImages, fitted_outlines, open_stereo, outlines_near

@@ -23,7 +23,7 @@ FEWEST, MOST = 3, 400
 """Calipers on one side."""
 BLOCKS, IN_BLOCK = 6, 6
 """Stretches of a side, and calipers in each, where all sides get as many; set by eye."""
-_MOST_COLUMNS = 32000  # of a map that cv2.remap takes
+_MAX_COLUMNS = 32000  # of a map that cv2.remap takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +156,8 @@ def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
 def bilinear(image: Fine, x: Image32, y: Image32) -> Image32:
     """Image values at real pixel coordinates (N, M); outside the image its rim."""
     longer = int(x.shape[1] > x.shape[0])
-    if x.shape[longer] > _MOST_COLUMNS:
-        cuts = range(_MOST_COLUMNS, x.shape[longer], _MOST_COLUMNS)
+    if x.shape[longer] > _MAX_COLUMNS:
+        cuts = range(_MAX_COLUMNS, x.shape[longer], _MAX_COLUMNS)
         parts = zip(*(np.split(each, cuts, longer) for each in (x, y)), strict=True)
         return np.concatenate([bilinear(image, *part) for part in parts], longer)
     values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

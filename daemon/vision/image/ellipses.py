@@ -24,13 +24,13 @@ STEP_PX, ROWS = 1.25, 2
 each is the mean: as many px as an edge is smoothed across."""
 EDGE_SIGMAS = 5.0, 10.0
 """An edge's pixels are so strong at least, and one of them so strong."""
-FEWEST_PX = 14
+MIN_PX = 14
 """Pixels of an edge to which an ellipse is fitted."""
-LINE_PX, MOST_TURN, UNEVEN = 1.2, np.radians(65.0), 4.5
+LINE_PX, MAX_TURN, UNEVEN = 1.2, np.radians(65.0), 4.5
 """Largest distance, px, of chords from the edge; largest turn from one to the next; largest ratio of their lengths."""
 ROUGH_PX, FINE_PX, ON_PX = 1.0, 0.45, 0.8
 """Rms by which pixels, and edges between pixels, may lie off their ellipse; and off which an edge is not on it."""
-ROUGH_SWEEP, LEAST_SWEEP, LEAST_SHARE = np.radians(60.0), np.radians(80.0), 0.2
+ROUGH_SWEEP, MIN_SWEEP, MIN_SHARE = np.radians(60.0), np.radians(80.0), 0.2
 """Least sweep, rad, of a run's pixels, and then of an edge between pixels, and least share of its ellipse on which it
 shows: where another edge touches an arc, a run ends that goes on behind it."""
 SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
@@ -44,7 +44,7 @@ CLOSED, MIDDLE, GROWS = np.radians(20.0), 0.5, 0.05
 """A wider gap ends an arc; share of its places in its middle, and by what share it then grows at a time."""
 TOGETHER, TANGENT_PX = 9, 0.15
 """Number of places in a row, and their mean distance, px, from which on they are on an arc no more."""
-MOST_EDGES, MOST = 400, 80
+MAX_EDGES, MOST = 400, 80
 """Edges that are followed, and ellipses that are fitted between pixels: a patterned table has a thousand and hundreds,
 most of them smaller than rims."""
 _SCALE = 16.0
@@ -77,7 +77,7 @@ def find_ellipses(smooth: Fine, window: Window | None, grain: float) -> list[Ell
     """Ellipses in the part of an image (H, W) that shows edges, those with the longest edges; smooth: of unit noise,
     after a Gaussian of SMOOTHING_PX, its noise grain times that of white noise."""
     found, tried = list[Ellipse](), list[Ellipse]()
-    edges = sorted(_edges(smooth, window, grain), key=len, reverse=True)[:MOST_EDGES]
+    edges = sorted(_edges(smooth, window, grain), key=len, reverse=True)[:MAX_EDGES]
     every = [run for edge in edges for run in _round_runs(edge)]
     for run in sorted(every, key=lambda one: len(one.places), reverse=True):
         for rough in _on_one(run, found):
@@ -141,7 +141,7 @@ def _edges(smooth: Fine, window: Window | None, grain: float) -> list[Array]:
     least, sure = (sigmas * _SCALE for sigmas in EDGE_SIGMAS)
     thin = cv2.Canny(slopes[0], slopes[1], least, sure, L2gradient=True)
     borders, _ = cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=(int(left), int(top)))
-    return [np.asarray(border[:, 0], float) for border in borders if len(border) >= FEWEST_PX]
+    return [np.asarray(border[:, 0], float) for border in borders if len(border) >= MIN_PX]
 
 
 def _round_runs(edge: Array) -> Iterator[_RoundRun]:
@@ -154,7 +154,7 @@ def _round_runs(edge: Array) -> Iterator[_RoundRun]:
     before, way, lengths = ways[:-1], ways[1:], np.hypot(*ways.T)
     turn = np.arctan2(before[:, 0] * way[:, 1] - before[:, 1] * way[:, 0], (before * way).sum(1))
     longer, shorter = (choose(lengths[:-1], lengths[1:]) for choose in (np.maximum, np.minimum))
-    gentle = (np.abs(turn) < MOST_TURN) & (longer < UNEVEN * shorter)
+    gentle = (np.abs(turn) < MAX_TURN) & (longer < UNEVEN * shorter)
     for one_way in (turn > 0, turn < 0):
         goes_on = gentle & one_way
         starts = np.flatnonzero(~goes_on)
@@ -164,7 +164,7 @@ def _round_runs(edge: Array) -> Iterator[_RoundRun]:
             if last - first >= 3:  # chords
                 own = np.arange(first, last + 1)
                 at = corners[own % count] + len(edge) * (own // count)
-                if at[-1] - at[0] >= FEWEST_PX:
+                if at[-1] - at[0] >= MIN_PX:
                     turned = np.cumsum(np.abs(turn[own % count]))
                     yield _RoundRun(edge[np.arange(at[0], at[-1] + 1) % len(edge)], at - at[0], turned - turned[0])
 
@@ -229,15 +229,15 @@ def _between_pixels(rough: Ellipse, smooth: Fine, grain: float) -> Ellipse | Non
         there = (likely.max(1) > 0) & ((px > RIM_PX) & (px < most)).all(1)
         places = (px + (offsets[best] + peak_places(slopes, best)[1])[:, None] * normal)[there]
         for _ in range(2):
-            if len(places) < FEWEST_PX // 2 or (fitted := _fitted(places)) is None:
+            if len(places) < MIN_PX // 2 or (fitted := _fitted(places)) is None:
                 return None
             ellipse = fitted
             places = places[np.abs(ellipse.off_px(places)[0]) < ON_PX]
     ellipse = _without_tangents(ellipse._replace(places=places))
     places = ellipse.places
-    if len(places) < max(LEAST_SHARE * count, FEWEST_PX // 2) or _rms(ellipse.off_px(places)[0]) > FINE_PX:
+    if len(places) < max(MIN_SHARE * count, MIN_PX // 2) or _rms(ellipse.off_px(places)[0]) > FINE_PX:
         return None
-    return ellipse if sweep_of(ellipse, places) > LEAST_SWEEP else None
+    return ellipse if sweep_of(ellipse, places) > MIN_SWEEP else None
 
 
 def _without_tangents(ellipse: Ellipse) -> Ellipse:

@@ -61,7 +61,7 @@ class Outline:
     corners: Array
     border: Border
     strength: Array
-    seen: Array
+    visible: Array
     support: float
 
     @cached_property
@@ -71,7 +71,7 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class OutlineRequest:
     """One image in which outlines of rough polygons are wanted: smooth, of unit noise, after a Gaussian; grain: its
     noise over that of white noise.
     """
@@ -81,27 +81,27 @@ class Wanted:
     rough: Sequence[RoughPolygon]
 
 
-def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[list[Outline]]:
+def find_outlines(requests: Sequence[OutlineRequest], settings: VisionSettings) -> list[list[Outline]]:
     """Outlines near each rough polygon, image after image; what several would give, the first of an image gives."""
-    flat = [p for w in wanted for p in w.rough]
+    flat = [p for request in requests for p in request.rough]
     if not flat:
         return []
     start = rings([p.corners for p in flat])
     shrink = np.repeat([float(p.shrink) for p in flat], start.count)
-    images = [(w.smooth, sum(len(p.corners) for p in w.rough)) for w in wanted]
+    images = [(request.smooth, sum(len(p.corners) for p in request.rough)) for request in requests]
     moved = iter(snap(images, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink).split())
-    variants, known = list[tuple[Array, int]](), 0
+    variants, count = list[tuple[Array, int]](), 0
     images = []
-    for w in wanted:
-        own = [(v, k) for k in range(known, known + len(w.rough)) for v in _variants(next(moved), settings)]
+    for request in requests:
+        own = [(v, k) for k in range(count, count + len(request.rough)) for v in _variants(next(moved), settings)]
         own = [own[k] for k in first_of_each([v for v, _ in own], _SAME_PX)]
-        images.append((w.smooth, sum(len(v) for v, _ in own)))
+        images.append((request.smooth, sum(len(v) for v, _ in own)))
         variants += own
-        known += len(w.rough)
+        count += len(request.rough)
     found: list[list[Outline]] = [[] for _ in flat]
     if variants:
         borders = [flat[k].border for _, k in variants]
-        made = _outlined(images, [w.grain for w in wanted], rings([v for v, _ in variants]), borders, settings)
+        made = _outlined(images, [one.grain for one in requests], rings([v for v, _ in variants]), borders, settings)
         for outline, (_, k) in zip(made, variants, strict=True):
             if outline is not None:
                 found[k].append(outline)

@@ -28,19 +28,19 @@ Window = tuple[Index, Index]
 SMOOTHING_PX = 1.0
 _KERNEL = (7, 7)
 # Set by eye on the rendered scenes, where no source is named.
-_LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
+_MIN_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 """Share of its hull that a region must fill, and that one fills whose border is convex but for noise."""
-_LEAST_AREA, _LEAST_BORDER = 12.0, 10
+_MIN_AREA, _MIN_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
 _FOLLOWED = 2
 """Regions followed among specks, of each that is wanted: the largest inside need not have the largest borders."""
-_LEAST_EXTENT, _WINDOW_RIM_PX = 12, 12
+_MIN_EXTENT, _WINDOW_RIM_PX = 12, 12
 """Width and height together of edges that are more than noise; room left about them, px."""
 _TILES, _QUIET = 8, 20
 """The noise is read off the tiles, so many each way, whose gradient is in the lowest so many hundredths."""
-_RAYLEIGH_MEDIAN, _MOST_GRAIN = 1.177, 1.7
+_RAYLEIGH_MEDIAN, _MAX_GRAIN = 1.177, 1.7
 """Median size of a gradient whose components are unit noise; more grain than this is texture."""
 
 
@@ -79,7 +79,7 @@ class Region:
         """
         hull = cv2.convexHull(self.border)
         full = cv2.contourArea(hull)
-        if full <= 0 or self.area_px < _LEAST_SOLIDITY * full:
+        if full <= 0 or self.area_px < _MIN_SOLIDITY * full:
             return []
         outlines = [hull] if self.area_px > _CONVEX_SOLIDITY * full else [self.border, hull]
         tolerance = 1.0 + 0.4 * self.scale.shrink + 0.01 * float(np.sqrt(full))
@@ -140,7 +140,7 @@ def _grain(strength: Image32) -> float:
     each = np.sort(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)
     medians = np.sort(each[:, each.shape[1] // 2])
     excess = float(medians[_QUIET * len(medians) // 100]) / _RAYLEIGH_MEDIAN
-    return min(max(excess, 1.0), _MOST_GRAIN)
+    return min(max(excess, 1.0), _MAX_GRAIN)
 
 
 def _gradient(smooth: Fine, shrink: int = 1) -> Image32:
@@ -157,7 +157,7 @@ def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> Window | 
         return np.zeros(2, np.intp), np.array([shape[1], shape[0]])
     borders = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     boxes = np.array([cv2.boundingRect(b) for b in borders], np.intp).reshape(-1, 4)
-    boxes = boxes[boxes[:, 2] + boxes[:, 3] >= _LEAST_EXTENT] * scale.shrink
+    boxes = boxes[boxes[:, 2] + boxes[:, 3] >= _MIN_EXTENT] * scale.shrink
     if not len(boxes):
         return None
     size = np.array([shape[1], shape[0]])
@@ -192,14 +192,14 @@ def closed_regions(
     """
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     size = scale.shrink**2
-    least = max(_LEAST_AREA, least_px / size)
+    least = max(_MIN_AREA, least_px / size)
     (left, top), (right, bottom) = ((corner - scale.origin_px) / scale.shrink for corner in window)
     first = max(int(left), 0), max(int(top), 0)
     seen = edges[first[1] : int(bottom) + 1, first[0] : int(right) + 1]
     holes = (
         largest_hole_borders(seen, first, least, _FOLLOWED * most) if _speckled(edges) else hole_borders(seen, first)
     )
-    sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
+    sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _MIN_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
     return [Region(border, area * size, scale) for area, border in sized[:most]]
 

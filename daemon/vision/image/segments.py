@@ -25,7 +25,7 @@ Of 343 plain, printed and metal parts rendered on photographed and on grainy tab
 ABOUT_PX, COARSE = 36, 4
 """Radius, px, of the surroundings that a grey level is raised against, the nearer the more; and how many times coarser
 pixels do for that."""
-MOST_SEGMENTS, DIRECTIONS = 800, 16
+MAX_SEGMENTS, DIRECTIONS = 800, 16
 """The longest of each direction, so many in all: the grain of wood has thousands of one, and leaves those of a part."""
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
 """Distance from its end at which a segment may meet another: px, and share of its length."""
@@ -33,8 +33,8 @@ GAP_PX, OVERLAP_PX, OFF_LINE_PX, END_OFF_LINE_PX = 14.0, 4.0, 1.5, 3.75
 SAME_WAY = np.cos(np.radians(4.0))
 """How a segment may go on that was broken: px to the next piece, px both may overlap, px that begins and ends off the
 line of the first, and the angle between them."""
-LEAST_ANGLE = np.sin(np.radians(15.0))
-MOST_CORNERS, CELL_PX = 1500, 64.0
+MIN_ANGLE = np.sin(np.radians(15.0))
+MAX_CORNERS, CELL_PX = 1500, 64.0
 """Largest number of corners, taken evenly from cells of CELL_PX, those with the longest arms: a ruled table has
 thousands, and leaves a part its own."""
 AT_ONCE = 64  # segments held against all others: what a processor's cache holds
@@ -94,13 +94,13 @@ def _raised(grey: Grey) -> Grey:
 
 
 def _longest(every: Segments) -> Segments:
-    """The longest of every direction, MOST_SEGMENTS in all, the longest first."""
+    """The longest of every direction, MAX_SEGMENTS in all, the longest first."""
     every = every.chosen(np.argsort(-every.lengths_px, kind="stable"))
-    if len(every.start) <= MOST_SEGMENTS:
+    if len(every.start) <= MAX_SEGMENTS:
         return every
     way = every.end - every.start
     direction = np.rint(np.arctan2(way[:, 1], way[:, 0]) * (DIRECTIONS / np.pi)).astype(int) % DIRECTIONS
-    return every.chosen(shared_out(direction, MOST_SEGMENTS))
+    return every.chosen(shared_out(direction, MAX_SEGMENTS))
 
 
 def segments_by_lsd(grey: Grey) -> Array:
@@ -109,11 +109,11 @@ def segments_by_lsd(grey: Grey) -> Array:
     return np.zeros((0, 4)) if found is None else np.asarray(found, float).reshape(-1, 4)
 
 
-def joined(found: Segments) -> Segments:
+def join_segments(segments: Segments) -> Segments:
     """The segments, and as one every two of which the second goes on where the first ends: print and noise break
     what is one edge, and its pieces end far from its corners. The longest first."""
-    start, end = found.start, found.end
-    unit = (end - start) / found.lengths_px[:, None]
+    start, end = segments.start, segments.end
+    unit = (end - start) / segments.lengths_px[:, None]
     first, second = pairs_within(end[:, 0], start[:, 0], GAP_PX)
     level = np.abs(end[first, 1] - start[second, 1]) < GAP_PX + OFF_LINE_PX
     first, second = first[level], second[level]
@@ -127,16 +127,16 @@ def joined(found: Segments) -> Segments:
     return _longest(Segments(np.concatenate([start, start[first]]), np.concatenate([end, end[second]])))
 
 
-def segment_corners(found: Segments) -> SegmentCorners:
+def segment_corners(segments: Segments) -> SegmentCorners:
     """Every two segments whose lines meet near an end of both, at an angle."""
-    way, length = found.end - found.start, found.lengths_px
+    way, length = segments.end - segments.start, segments.lengths_px
     unit = way / length[:, None]
     reach = np.maximum(NEAR_PX, NEAR_SHARE * length)
-    first, second = _ends_near(found, reach)
+    first, second = _ends_near(segments, reach)
     sine = unit[first, 0] * unit[second, 1] - unit[first, 1] * unit[second, 0]
-    steep = np.abs(sine) > LEAST_ANGLE
+    steep = np.abs(sine) > MIN_ANGLE
     first, second, sine = first[steep], second[steep], sine[steep]
-    apart = found.start[second] - found.start[first]
+    apart = segments.start[second] - segments.start[first]
     along_first = (apart[:, 0] * unit[second, 1] - apart[:, 1] * unit[second, 0]) / sine
     along_second = (apart[:, 0] * unit[first, 1] - apart[:, 1] * unit[first, 0]) / sine
     near = np.ones(len(first), bool)
@@ -146,13 +146,13 @@ def segment_corners(found: Segments) -> SegmentCorners:
         near &= np.minimum(to_start, to_end) < reach[own]
         from_start.append(to_start < to_end)
     first, second = first[near], second[near]
-    at = found.start[first] + along_first[near, None] * unit[first]
+    at = segments.start[first] + along_first[near, None] * unit[first]
     away = np.stack([from_start[0][near], from_start[1][near]], 1)
     which = np.stack([first, second], 1)
-    arms = np.where(away[..., None], found.end[which], found.start[which])
+    arms = np.where(away[..., None], segments.end[which], segments.start[which])
     reach = np.linalg.norm(arms - at[:, None], axis=2).min(1)
     order = np.argsort(-reach, kind="stable")
-    order = order[shared_out(cells_of(at[order]), MOST_CORNERS)]
+    order = order[shared_out(cells_of(at[order]), MAX_CORNERS)]
     return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order])
 
 
@@ -178,9 +178,9 @@ def ranks(group: Index) -> Index:
     return found
 
 
-def _ends_near(found: Segments, reach_px: Array) -> tuple[Index, Index]:
+def _ends_near(segments: Segments, reach_px: Array) -> tuple[Index, Index]:
     """Every two segments, the earlier first, of which two ends are no farther apart than both may reach."""
-    count, ends, reach = len(reach_px), np.concatenate([found.start, found.end]), np.tile(reach_px, 2)
+    count, ends, reach = len(reach_px), np.concatenate([segments.start, segments.end]), np.tile(reach_px, 2)
     x, y = (ends - ends.sum(0) / max(len(ends), 1)).T  # small numbers: single precision is enough for their squares
     own, one = x * x + y * y - reach * reach, np.ones(len(ends))
     # (x - u)^2 + (y - v)^2 - (r + s)^2 as a product of matrices, which is quicker than term by term

@@ -21,7 +21,7 @@ from daemon.vision.image.grey import FINE, Fine, Grey, Noise, VisionError, as_gr
 from daemon.vision.image.outlines import (
     Fitted,
     Outline,
-    Wanted,
+    OutlineRequest,
     best_first,
     find_outlines,
     fit_polygons,
@@ -45,7 +45,7 @@ from daemon.vision.image.segments import ABOUT_PX, Segments, find_segments
 from daemon.vision.settings import VisionSettings
 
 GRAIN_PX = 5
-LEAST_ASIDE_DEG = 15.0
+MIN_ASIDE_DEG = 15.0
 """Least angle, degrees, of every sight against the line from camera to camera: along that line no depth can be
 measured, and near to it what both cameras see of one thing is of as many sizes as there are depths. Cameras that look
 straight ahead have this in pictures 150 degrees wide."""
@@ -156,24 +156,24 @@ class CameraImage:
 
 
 def outlines_near(
-    asked: Sequence[tuple[CameraImage, Sequence[RoughPolygon]]], settings: VisionSettings
+    requests: Sequence[tuple[CameraImage, Sequence[RoughPolygon]]], settings: VisionSettings
 ) -> list[tuple[Outline, ...]]:
     """Each camera's outlines near rough polygons, best supported first; all cameras' side by side."""
-    new = [(view, [p for p in rough if p not in view.outlined]) for view, rough in asked]
-    found = iter(find_outlines([Wanted(view.smooth, view.grain, own) for view, own in new if own], settings))
+    new = [(view, [p for p in rough if p not in view.outlined]) for view, rough in requests]
+    found = iter(find_outlines([OutlineRequest(view.smooth, view.grain, own) for view, own in new if own], settings))
     for view, own in new:
         view.outlined.update((p, next(found)) for p in own)
-    return [best_first([o for p in rough for o in view.outlined[p]]) for view, rough in asked]
+    return [best_first([o for p in rough for o in view.outlined[p]]) for view, rough in requests]
 
 
-def fits(asked: Sequence[tuple[CameraImage, Sequence[Outline]]]) -> list[list[Fitted | None]]:
+def fitted_outlines(requests: Sequence[tuple[CameraImage, Sequence[Outline]]]) -> list[list[Fitted | None]]:
     """Each camera's outlines fitted to its grey levels, or None where the fit strays from it; all cameras' side by
     side."""
-    new = [[o for o in dict.fromkeys(outlines) if o not in view.fitted] for view, outlines in asked]
-    found = iter(fit_polygons([(view.exposure, own) for (view, _), own in zip(asked, new, strict=True)]))
-    for (view, _), own in zip(asked, new, strict=True):
+    new = [[o for o in dict.fromkeys(outlines) if o not in view.fitted] for view, outlines in requests]
+    found = iter(fit_polygons([(view.exposure, own) for (view, _), own in zip(requests, new, strict=True)]))
+    for (view, _), own in zip(requests, new, strict=True):
         view.fitted.update((o, next(found)) for o in own)
-    return [[view.fitted[o] for o in outlines] for view, outlines in asked]
+    return [[view.fitted[o] for o in outlines] for view, outlines in requests]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +215,10 @@ def check_aside(camera: RectifiedCamera, image_size: tuple[int, int], name: str)
     """Raise VisionError unless a camera looks across the line from camera to camera in all of its image (width,
     height)."""
     aside = _aside_deg(camera, image_size)
-    if not aside >= LEAST_ASIDE_DEG:
+    if not aside >= MIN_ASIDE_DEG:
         raise VisionError(
             f"{name}: the camera looks along the line between the two cameras ({aside:.0f} degrees off it at the rim, "
-            f"at least {LEAST_ASIDE_DEG:.0f} are needed), which gives no depth: set the cameras side by side and run "
+            f"at least {MIN_ASIDE_DEG:.0f} are needed), which gives no depth: set the cameras side by side and run "
             "`facetctl calibrate stereo`; one camera that is moved: move it sideways"
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.geometry import fit_circle, newell_normal
 
-FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
+MIN_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
 ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
 LONGEST_RAD, UNEVEN = np.pi / 2, 4.0  # a longer turn is a straight side, and so is one of so many usual ones
 NAME_STEP_DEG, UNSURE = 15, 0.25  # sector angles are named to this step, and are so unsure, in steps
@@ -31,11 +31,11 @@ class Arc:
 def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
     """The longest run of at least seven corners on one circle, or None. (N, 3) mm, (N, 3, 3) mm^2."""
     n = len(corners_mm)
-    if n < FEWEST_CORNERS:
+    if n < MIN_CORNERS:
         return None
     flat = _in_plane(corners_mm)
     most_mm = ROUND_MM + ROUND_SIGMAS * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
-    runs = [(n, 0, True), *((count, first, False) for count in range(n, FEWEST_CORNERS - 1, -1) for first in range(n))]
+    runs = [(n, 0, True), *((count, first, False) for count in range(n, MIN_CORNERS - 1, -1) for first in range(n))]
     for count, first, closed in runs:  # all corners of a D lie on its circle, and its straight side does not
         points = flat[(first + np.arange(count)) % n]
         centre, radius, worst = fit_circle(points)

@@ -33,7 +33,7 @@ def aspects(solid: Polyhedron) -> tuple[Aspect, ...]:
     directions = spread(DIRECTIONS)
     for towards, seen in zip(directions, visible_from(solid, directions, OBLIQUE), strict=True):
         facing = solid.normals @ towards
-        shown = _together(tuple(np.flatnonzero(seen).tolist()), facing, touching)
+        shown = _connected_aspect(tuple(np.flatnonzero(seen).tolist()), facing, touching)
         if len(shown) < 2:
             continue
         clearness = float(facing[list(shown)].min())
@@ -53,15 +53,15 @@ def spread(count: int) -> Array:
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
 
 
-def _together(shown: tuple[int, ...], facing: Array, touching: NDArray[np.bool_]) -> tuple[int, ...]:
+def _connected_aspect(visible: tuple[int, ...], facing: Array, touching: NDArray[np.bool_]) -> tuple[int, ...]:
     """The facets that hang together with the one that faces the cameras most, nearest first, not too many."""
-    if not shown:
+    if not visible:
         return ()
-    kept = [max(shown, key=lambda k: facing[k])]
+    kept = [max(visible, key=lambda k: facing[k])]
     queue = deque(kept)
     while queue:
         here = queue.popleft()
-        for k in sorted(shown, key=lambda k: -facing[k]):
+        for k in sorted(visible, key=lambda k: -facing[k]):
             if touching[here, k] and k not in kept and len(kept) < MATRIX_SIZE:
                 kept.append(k)
                 queue.append(k)

@@ -64,23 +64,23 @@ def merge_views(
 def corresponding_facets(view: Polyhedron, whole: Polyhedron, tolerance_mm: float) -> tuple[int, ...] | None:
     """The facet of `whole` behind each facet of a view of it, laid edge to edge where it fits best; None where not all
     of them fit together. A facet beyond an edge behind which `whole` knows another is followed from that."""
-    ways = [way for way in correspondences(view, whole) if way.explained == len(view.facets)]
-    if not ways:
+    candidates = [candidate for candidate in correspondences(view, whole) if candidate.explained == len(view.facets)]
+    if not candidates:
         return None
-    fits = [_fit(whole, view, way, tolerance_mm) for way in ways]
-    best = min(range(len(ways)), key=lambda k: float(fits[k].chi2[0]))
+    fits = [_fit(whole, view, candidate, tolerance_mm) for candidate in candidates]
+    best = min(range(len(candidates)), key=lambda k: float(fits[k].chi2[0]))
     limit = chi_square_limit(int(fits[best].dof[0]), FALSE_ALARM) * SIGMA_SCALE**2
-    return ways[best].facets if fits[best].chi2[0] < limit else None
+    return candidates[best].facets if fits[best].chi2[0] < limit else None
 
 
 def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedron | None:
     """`whole` with the view's facets in it, or None where they do not fit together in one definite way."""
-    ways = [c for c in correspondences(view, whole, may_add=True) if (c.corners >= 0).sum() >= 3]
-    ranked = sorted(ways, key=lambda c: -c.explained)
+    candidates = [c for c in correspondences(view, whole, may_add=True) if (c.corners >= 0).sum() >= 3]
+    ranked = sorted(candidates, key=lambda c: -c.explained)
     for explained in sorted({c.explained for c in ranked}, reverse=True):
         fitting = [
-            (float(fit.chi2[0]), _united(whole, view, way, fit))
-            for way, fit in ((w, _fit(whole, view, w, tolerance_mm)) for w in ranked if w.explained == explained)
+            (float(fit.chi2[0]), _united(whole, view, candidate, fit))
+            for candidate, fit in ((w, _fit(whole, view, w, tolerance_mm)) for w in ranked if w.explained == explained)
             if fit.chi2[0] < chi_square_limit(int(fit.dof[0]), FALSE_ALARM) * SIGMA_SCALE**2
         ]
         if fitting:
@@ -91,10 +91,10 @@ def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedro
     return None
 
 
-def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence, tolerance_mm: float) -> Fits:
+def _fit(whole: Polyhedron, view: Polyhedron, correspondence: Correspondence, tolerance_mm: float) -> Fits:
     """whole_from_view by the corners both have."""
-    shared = np.nonzero(way.corners >= 0)[0]
-    return fit_shared(whole, way.corners[shared], view, shared, tolerance_mm)
+    shared = np.nonzero(correspondence.corners >= 0)[0]
+    return fit_shared(whole, correspondence.corners[shared], view, shared, tolerance_mm)
 
 
 def fit_shared(onto: Polyhedron, there: Index, one: Polyhedron, own: Index, tolerance_mm: float) -> Fits:
@@ -104,12 +104,12 @@ def fit_shared(onto: Polyhedron, there: Index, one: Polyhedron, own: Index, tole
     return fit_poses(onto.corners_mm[there], onto.covariance_mm2[there], corners, spread, used, tolerance_mm)
 
 
-def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits) -> Polyhedron:
+def _united(whole: Polyhedron, view: Polyhedron, correspondence: Correspondence, fit: Fits) -> Polyhedron:
     """Shared corners by their weighted mean, new ones appended; new facets get the view's types."""
     turn, shift = fit.poses[0, :3, :3], fit.poses[0, :3, 3]
     moved = view.corners_mm @ turn.T + shift
     spread = turn @ view.covariance_mm2 @ turn.T
-    owners = _owners(whole, moved, spread, way)
+    owners = _owners(whole, moved, spread, correspondence)
     corners, covariance = whole.corners_mm.copy(), whole.covariance_mm2.copy()
     for k in np.nonzero(owners < len(corners))[0]:
         there = owners[k]
@@ -117,11 +117,11 @@ def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits)
         covariance[there] = np.linalg.inv(one + two)
         corners[there] = covariance[there] @ (one @ corners[there] + two @ moved[k])
     extra = owners >= len(whole.corners_mm)
-    rings = [tuple(int(owners[k]) for k in view.facets[f]) for f, g in enumerate(way.facets) if g < 0]
-    types = [view.types[f] for f, g in enumerate(way.facets) if g < 0]
+    rings = [tuple(int(owners[k]) for k in view.facets[f]) for f, g in enumerate(correspondence.facets) if g < 0]
+    types = [view.types[f] for f, g in enumerate(correspondence.facets) if g < 0]
     known = {frozenset(ring) for ring in whole.facets}
     new = [i for i, ring in enumerate(rings) if frozenset(ring) not in known]
-    added = [f for f, g in enumerate(way.facets) if g < 0]
+    added = [f for f, g in enumerate(correspondence.facets) if g < 0]
     arcs = (
         OutlineArc(len(whole.facets) + n, arc.points_mm @ turn.T + shift)
         for n, i in enumerate(new)
@@ -137,12 +137,12 @@ def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits)
     )
 
 
-def _owners(whole: Polyhedron, moved: Array, spread: Array, way: Correspondence) -> Index:
+def _owners(whole: Polyhedron, moved: Array, spread: Array, correspondence: Correspondence) -> Index:
     """(K,) the corner of `whole` each corner of the view is, or the index it gets when it is new.
 
     Corners that no shared edge leads to are the same where they coincide in space within their errors.
     """
-    owners = way.corners.copy()
+    owners = correspondence.corners.copy()
     free = set(range(len(whole.corners_mm))) - set(owners[owners >= 0].tolist())
     new = len(whole.corners_mm)
     for k in np.nonzero(owners < 0)[0]:

@@ -24,9 +24,9 @@ SAME_RIM_MM = 0.15
 other."""
 ROUND_FLOOR = 0.1
 """Share of its radius by which a round floor, kept as an octagon around it, may stand out of its bore."""
-MOST_AT_ONCE = 2_000_000
+MAX_AT_ONCE = 2_000_000
 """Distances between corners that are held at once."""
-KEPT_MM, MOST_MIRRORED = 2.0, 12
+KEPT_MM, MAX_MIRRORED = 2.0, 12
 """Largest distance, mm, of a corner of a solid's mirror image from one that is taken for it; largest number of ways to
 lay it that are kept."""
 
@@ -79,7 +79,7 @@ class Axis(NamedTuple):
     """point_mm (3,) on it, and way (3,), unit, in the frame of a solid."""
 
     point_mm: Array
-    way: Array
+    direction: Array
 
 
 @lru_cache(maxsize=1024)
@@ -135,7 +135,7 @@ def mirror_images(solid: Polyhedron) -> tuple[MirrorImage, ...]:
         return ()
     found = list[int]()
     for k in np.argsort(-kept.sum(1), kind="stable").tolist():
-        if len(found) == MOST_MIRRORED:
+        if len(found) == MAX_MIRRORED:
             break
         if all(np.abs(moved[k] - moved[same]).max() > KEPT_MM for same in found):
             found.append(k)
@@ -161,7 +161,7 @@ def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> lis
     counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
     for count in np.unique(counts).tolist():
         alike = np.flatnonzero(counts == count)
-        each = max(MOST_AT_ONCE // (24 * count * count), 1)
+        each = max(MAX_AT_ONCE // (24 * count * count), 1)
         for first in range(0, len(alike), each):
             own = alike[first : first + each]
             for k, turns in zip(own.tolist(), _of_as_many([shapes[k] for k in own.tolist()], within_mm), strict=True):

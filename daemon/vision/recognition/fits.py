@@ -38,9 +38,9 @@ CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the wei
 SURE = 3.0  # how many predicted errors a distance may be off
 SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
-MOST_NEAR = 150
+MAX_NEAR = 150
 """Places of a facet that may have been measured badly."""
-MOST_RECALLED = 96
+MAX_RECALLED = 96
 """Nodes under a numbering that are followed, of each question; and places of a lone facet."""
 
 
@@ -80,7 +80,7 @@ def _recall_members(
     observed: Polyhedron, view: RelationalView, members: Sequence[int], model: Model, vigilance: float
 ) -> dict[tuple[str, tuple[int, ...]], Recalled]:
     """Recall taught views by some of the facets (a view of them alone), each correspondence once."""
-    answer = model.artmap.recall(view, vigilance, MOST_RECALLED)
+    answer = model.artmap.recall(view, vigilance, MAX_RECALLED)
     if not len(answer.node):
         return {}
     labels, facets = model.artmap.node_labels, model.facet_in_slot
@@ -194,9 +194,9 @@ def add_evidence(
 
 def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricModel]) -> list[LabelledCorrespondence]:
     """Return taught facets, in turns, that a single seen one may be by the distances between its corners: those near,
-    or where there is none those that are not far, the nearest MOST_RECALLED."""
+    or where there is none those that are not far, the nearest MAX_RECALLED."""
     places, off, labels = _places(observed, 0, metric)
-    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MOST_RECALLED))), ())
+    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MAX_RECALLED))), ())
     found = []
     for part, facet, turn in places.which[near].tolist():
         found.append((labels[part], _single_facet_correspondence(observed, metric[labels[part]].solid, facet, turn)))
@@ -204,10 +204,10 @@ def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricMod
 
 
 def facet_poses(observed: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
-    """Return the taught facets in turns whose corners come this near to those of a single seen one, MOST_NEAR at most,
+    """Return the taught facets in turns whose corners come this near to those of a single seen one, MAX_NEAR at most,
     the nearest first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
     places, off, _ = _places(observed, 0, metric)
-    near = _nearest(off, SPREAD * rms_mm, MOST_NEAR)
+    near = _nearest(off, SPREAD * rms_mm, MAX_NEAR)
     if not len(near):
         return np.zeros(0, np.intp), np.zeros((0, 4, 4))
     taught, ring = places.corners_mm[near], observed.rings[0]

@@ -30,10 +30,10 @@ from daemon.vision.recognition.fits import (
 )
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
-LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
+MIN_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
 FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
 SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
-LEAST_PROBABILITY = 0.9  # below it a part is not named
+MIN_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
 
@@ -227,7 +227,7 @@ def _recall_and_fit(typed: _Typed, model: Model) -> tuple[tuple[Recalled, ...], 
 def _is_consistent(hypothesis: FacetHypothesis, group: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
     whole = hypothesis.explained == len(group.facets)
-    return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
+    return whole and hypothesis.tail > MIN_TAIL and hypothesis.rms_mm < FARTHEST_MM
 
 
 def _best_by_label(fits: tuple[FacetHypothesis, ...]) -> tuple[FacetHypothesis, ...]:
@@ -257,7 +257,7 @@ def _verdict(
     if len(group.facets) == 1:
         reason = f"one facet ({group.facets[0].type}) is not enough: it fits {' and '.join(labels)}"
         return _unnamed(ranking, 1 - chance, reason, labels)
-    if chance < LEAST_PROBABILITY:
+    if chance < MIN_PROBABILITY:
         reason = f"fits {' and '.join(labels)} ({chance:.0%} for the first)"
         return _unnamed(ranking, 1 - chance, reason, labels)
     answer = next(

@@ -236,7 +236,7 @@ def _moved(part: Part, shape: Polyhedron, found: AdjustedPose) -> Part:
     """The part at another pose, its fitted corners and the poses that fit as well with it."""
     before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
     nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
-    return part.laid(found.pose, found.covariance, tuple(found.corners_mm[ring] for ring in nearest))
+    return part.at_pose(found.pose, found.covariance, tuple(found.corners_mm[ring] for ring in nearest))
 
 
 MORE = 1.02

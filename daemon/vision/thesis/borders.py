@@ -12,7 +12,7 @@ from daemon.arrays import Array, Image32
 LOG_SIGMA_PX = 1.0
 NOISE_SIGMAS = 6.0
 """Gradients below so many sigmas of their noise are 0 before filling: the threshold that is set by hand in 4.1."""
-LEAST_PERIMETER_PX = 40.0
+MIN_PERIMETER_PX = 40.0
 """Regions with a shorter border are left-over noise (section 4.5.2)."""
 STEP_PX, SHARP_RAD = 7, np.deg2rad(25.0)
 """Border pixels over which the slope is taken, and the change of slope that is a corner (section 4.5.3)."""
@@ -37,7 +37,7 @@ def _region_borders(image: Image32, noise_sigma: float) -> list[Array]:
     if tree is None:
         return []
     inner = [b[:, 0].astype(float) for b, (*_, parent) in zip(borders, np.asarray(tree)[0], strict=True) if parent >= 0]
-    return [b for b in inner if len(b) >= LEAST_PERIMETER_PX]
+    return [b for b in inner if len(b) >= MIN_PERIMETER_PX]
 
 
 def _sharp_turns(border: Array) -> Array:

@@ -10,7 +10,7 @@ from daemon.arrays import Array
 from daemon.vision.image import Grey, VisionError
 
 CELLS = 20
-LEAST_POINTS = 0.02
+MIN_POINTS = 0.02
 """Share of a cell's pixels that must lie on an edge for a 1."""
 
 
@@ -33,4 +33,4 @@ def silhouette(picture: Grey) -> Array:
     )
     points = np.zeros((CELLS, CELLS))
     np.add.at(points, (row, column), 1.0)
-    return np.asarray(points > LEAST_POINTS * (side / CELLS) ** 2, float).ravel()
+    return np.asarray(points > MIN_POINTS * (side / CELLS) ** 2, float).ravel()

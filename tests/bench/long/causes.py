@@ -27,8 +27,8 @@ import yaml
 from daemon import frames
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.config import load_config
+from daemon.review.failure_causes import causes
 from daemon.review.page import read_digest, write_page
-from daemon.review.why import causes
 from daemon.store.runlog import RunLog
 from tests.bench.long.faults import FAULTS, on_state
 from tests.fakes import simulated_cell

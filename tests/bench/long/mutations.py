@@ -62,7 +62,7 @@ FILES = (
         "outside", "recovery_state", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
     *(f"daemon/events/{name}.py" for name in ("records", "outcomes", "upgrade")),
     *(f"daemon/frontends/{name}.py" for name in ("socket_server", "rights", "command_queue", "client", "line_editor")),
-    *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "why")),
+    *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "failure_causes")),
 )  # fmt: skip
 STORIES = "tests/unit/service/"
 """Whose tests live with the whole daemon: most of it runs in each."""

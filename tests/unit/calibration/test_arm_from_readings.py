@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LEAST_READINGS, ArmEstimate, NoArmError, find_arm, poses, refine_arm
+from daemon.calibration.arm_from_readings import MIN_READINGS, ArmEstimate, NoArmError, find_arm, poses, refine_arm
 from daemon.calibration.arm_hypotheses import NAMES
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED, likeness
@@ -114,7 +114,7 @@ def test_what_the_readings_leave_open_is_named() -> None:
 def test_the_misfit_is_that_of_its_poses_and_what_exceeds_the_rounding_widens_the_standard_deviations() -> None:
     rng = np.random.default_rng(2)
     truth = Truth(ArmGeometry(), np.ones(6), np.zeros(6))
-    joints = rng.uniform(LOW, HIGH, (LEAST_READINGS + 2, 6))
+    joints = rng.uniform(LOW, HIGH, (MIN_READINGS + 2, 6))
     printed, exact = truth.printed_deg(joints), truth.places(joints)
     errors = np.hstack([rng.normal(0.0, 0.16, (len(joints), 3)), rng.normal(0.0, 1.6e-4, (len(joints), 3))])
     one, other = (
@@ -162,8 +162,8 @@ def test_an_arm_of_another_kind_is_none() -> None:
 
 
 def test_too_few_readings_are_refused() -> None:
-    with pytest.raises(NoArmError, match=f"{LEAST_READINGS - 1} readings: at least {LEAST_READINGS}"):
-        find_arm(np.tile(np.eye(4), (LEAST_READINGS - 1, 1, 1)), np.zeros((LEAST_READINGS - 1, 6)))
+    with pytest.raises(NoArmError, match=f"{MIN_READINGS - 1} readings: at least {MIN_READINGS}"):
+        find_arm(np.tile(np.eye(4), (MIN_READINGS - 1, 1, 1)), np.zeros((MIN_READINGS - 1, 6)))
 
 
 def test_an_arm_without_an_elbow_offset_is_described_from_its_front() -> None:

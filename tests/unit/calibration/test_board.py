@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, marker_squares, parse_board
+from daemon.calibration.board import DICTIONARIES, MAX_CORNERS, Board, BoardError, marker_squares, parse_board
 from daemon.calibration.board_detection import (
     FAMILIES,
-    FEWEST_CORNERS,
+    MIN_CORNERS,
     best_layout,
     corners_beside,
     find_board,
@@ -40,15 +40,15 @@ def test_a_blurred_and_a_half_hidden_board_each_get_their_reason() -> None:
         find_board(half, BOARD)
 
 
-@pytest.mark.parametrize("text", ["9", "9x", "x6", "2x6", "9x2", "9x6x3", "-9x6", f"{MOST_CORNERS + 1}x6"])
+@pytest.mark.parametrize("text", ["9", "9x", "x6", "2x6", "9x2", "9x6x3", "-9x6", f"{MAX_CORNERS + 1}x6"])
 def test_a_malformed_board_size_says_what_was_expected(text: str) -> None:
     with pytest.raises(BoardError, match="expected COLUMNSxROWS"):
         parse_board(text, 10.0)
 
 
 def test_the_least_and_the_largest_board_are_boards_and_a_square_without_a_length_is_none() -> None:
-    assert MOST_CORNERS == 100, "as facetctl's page says"
-    assert parse_board(f"3X{MOST_CORNERS}", 1e-3) == Board(3, MOST_CORNERS, 1e-3)
+    assert MAX_CORNERS == 100, "as facetctl's page says"
+    assert parse_board(f"3X{MAX_CORNERS}", 1e-3) == Board(3, MAX_CORNERS, 1e-3)
     assert all(name.startswith("DICT_") for name in DICTIONARIES)
     for square_mm in (0.0, -1.0, np.nan):
         with pytest.raises(BoardError, match="expected a length above 0"):
@@ -149,7 +149,7 @@ def test_a_board_of_more_rows_is_another_even_where_its_markers_exceed_the_named
     printed = Board(9, 11, 9.0, "charuco", dictionary="DICT_4X4_100", legacy=legacy)
     with pytest.raises(BoardError, match="another board"):
         find_board(picture(printed), named)
-    assert len(find_board(picture(named), named).corner_ids) > FEWEST_CORNERS
+    assert len(find_board(picture(named), named).corner_ids) > MIN_CORNERS
 
 
 def test_a_board_of_which_one_row_is_covered_with_paper_is_named_as_what_shows() -> None:

@@ -26,9 +26,9 @@ def test_a_clue_is_in_the_log_by_name_but_for_what_the_look_says_nothing_of() ->
 def test_a_knock_is_told_with_its_time_and_stops_picking() -> None:
     rng, watch = np.random.default_rng(1), DriftWatch()
     for _ in range(30):
-        assert watch.seen(clue(0.0, rng), "08:00") is None
+        assert watch.add(clue(0.0, rng), "08:00") is None
     for minute in range(20):
-        watch.seen(clue(0.2, rng), f"09:{12 + minute}")
+        watch.add(clue(0.2, rng), f"09:{12 + minute}")
     assert watch.drift is not None
     assert watch.drift.stops
     assert abs(watch.drift.degrees - 0.2) < 0.02
@@ -39,14 +39,14 @@ def test_a_knock_is_told_with_its_time_and_stops_picking() -> None:
 def test_looks_that_say_nothing_raise_nothing() -> None:
     watch = DriftWatch()
     nothing = Clue(np.zeros(3), np.full(3, np.inf), "")
-    assert all(watch.seen(nothing, "08:00") is None for _ in range(50))
+    assert all(watch.add(nothing, "08:00") is None for _ in range(50))
 
 
 def test_of_one_camera_it_is_told_that_it_sits_otherwise_on_the_hand():
     watch, drift = DriftWatch(alone="left"), None
     for k in range(60):
         turn = np.radians([0.3 if k > 30 else 0.0, 0.0, 0.0])
-        drift = watch.seen(Clue(turn, np.radians([0.02, 0.02, np.inf]), ""), "10:00")
+        drift = watch.add(Clue(turn, np.radians([0.02, 0.02, np.inf]), ""), "10:00")
     assert drift is not None
     assert "left camera no longer as calibrated on the gripper" in drift.text
     assert drift.stops

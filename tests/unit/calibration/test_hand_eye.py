@@ -13,7 +13,7 @@ import pytest
 from daemon import frames
 from daemon.calibration.arm_error import ArmError, estimated_arm_error, motion_by_parameters, pose_equations
 from daemon.calibration.hand_eye import (
-    FEWEST_POSES,
+    MIN_POSES,
     HandEyeError,
     HandEyeResult,
     Sample,
@@ -67,9 +67,9 @@ def off(found: Array) -> tuple[float, float]:
 
 
 def test_as_few_poses_as_are_needed_are_enough_and_one_less_is_refused() -> None:
-    some = looks(3, FEWEST_POSES)
+    some = looks(3, MIN_POSES)
     assert off(calibrate_hand_eye(some, unlike_rig()).mounting)[0] < 2.0
-    with pytest.raises(HandEyeError, match=f"{FEWEST_POSES - 1} poses, {FEWEST_POSES} are needed"):
+    with pytest.raises(HandEyeError, match=f"{MIN_POSES - 1} poses, {MIN_POSES} are needed"):
         calibrate_hand_eye(some[1:], unlike_rig())
 
 

@@ -23,11 +23,11 @@ from daemon.calibration.board import BoardError, DetectedBoard
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.guide import BoardPose, missing_views
-from daemon.calibration.hand_eye import LEAST_TURN_DEG, cyclopean_from_board, diversity_deg
+from daemon.calibration.hand_eye import MIN_TURN_DEG, cyclopean_from_board, diversity_deg
 from daemon.calibration.session import (
     EPIPOLAR_LIMIT_PX,
     LENGTH_LIMIT_MM,
-    MOST_VIEWS,
+    MAX_VIEWS,
     SPREAD_LIMIT_MM,
     BoardView,
     SessionError,
@@ -42,7 +42,7 @@ from daemon.calibration.session import (
     verify,
     view_tour,
 )
-from daemon.calibration.stereo import FEWEST_PAIRS, Pair, StereoError
+from daemon.calibration.stereo import MIN_PAIRS, Pair, StereoError
 from daemon.vision.geometry import Camera
 from tests.fakes.boards import BOARD, drawn_board
 from tests.fakes.rigs import unlike_rig
@@ -193,7 +193,7 @@ def test_a_board_held_by_hand_counts_once_a_view_and_what_is_still_missing_is_sa
     for number in range(1, len(views) + 1):
         assert said.count(f"view {number}") == 1
         residual = f"view {number}, residual 0.00 px so far; next:" in said
-        assert residual is (number >= FEWEST_PAIRS and number % 3 == 0)
+        assert residual is (number >= MIN_PAIRS and number % 3 == 0)
     assert f"view 1; next: {missing_views(shown_of(views[:1]))[0]}" in said
     assert said.endswith("next: done")
 
@@ -214,7 +214,7 @@ def test_who_shows_nothing_new_is_told_what_is_missing_and_who_shows_the_same_ki
     monkeypatch.setattr(session, "calibrate_stereo", Mock(side_effect=StereoError("too similar")))
     on_and_on = (view for k in count() for view in held([np.full(2, 0.05)], 250.0 + 41.0 * k))
     kept, _ = shown_by_hand(monkeypatch, on_and_on)
-    assert len(kept) == MOST_VIEWS
+    assert len(kept) == MAX_VIEWS
 
 
 async def _never(*_: Any) -> None:
@@ -303,7 +303,7 @@ def test_a_tour_of_too_few_poses_is_refused_and_none_is_of_one_pose_over_and_ove
         return
     poses = planned(count, lambda _: next(left, None) is not None, mounting_alone)
     assert len({pose.tobytes() for pose in poses}) == reached
-    assert diversity_deg(poses) > LEAST_TURN_DEG
+    assert diversity_deg(poses) > MIN_TURN_DEG
 
 
 OVER = frames.rigid(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.array([520.0, 0.0, 300.0]))
@@ -329,7 +329,7 @@ def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view
     first = held_view(GRIPPER_DOWN)
     np.testing.assert_allclose(board_at_rest(first, BOARD, FIXED), HELD, atol=0.05)
     poses = plan_tour(session, supervisor.mover.reach, first, 16, mounting_alone)
-    assert diversity_deg(poses) > LEAST_TURN_DEG
+    assert diversity_deg(poses) > MIN_TURN_DEG
     middles = [frames.apply(frames.inverse(OVER) @ pose @ HELD, BOARD.points_mm().mean(axis=0)) for pose in poses]
     assert np.ptp([z for _, _, z in middles]) > 80.0
     for x, y, z in middles:

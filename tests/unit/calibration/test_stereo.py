@@ -9,7 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import BoardError, DetectedBoard
-from daemon.calibration.stereo import FEWEST_SHARED, Pair, StereoError, calibrate_stereo, match_corners
+from daemon.calibration.stereo import MIN_SHARED, Pair, StereoError, calibrate_stereo, match_corners
 from tests.fakes.boards import BOARD
 from tests.fakes.rigs import unlike_rig
 
@@ -84,12 +84,12 @@ def test_too_few_or_too_similar_views_are_refused() -> None:
 def test_corners_are_matched_by_their_ids_and_must_be_enough() -> None:
     rng = np.random.default_rng(5)
     pair = sights(3, count=1)[0]
-    for shared in range(FEWEST_SHARED - 2, FEWEST_SHARED + 3):
+    for shared in range(MIN_SHARED - 2, MIN_SHARED + 3):
         ids = rng.permutation(54)
         of_left, of_right = np.sort(ids[: 20 + shared]), np.sort(ids[20:])
         some = Pair("view", only(pair.left, of_left), only(pair.right, of_right))
-        if shared < FEWEST_SHARED:
-            with pytest.raises(BoardError, match=f"share {shared} of its corners, {FEWEST_SHARED} are needed"):
+        if shared < MIN_SHARED:
+            with pytest.raises(BoardError, match=f"share {shared} of its corners, {MIN_SHARED} are needed"):
                 match_corners(some, BOARD)
             continue
         both = np.sort(ids[20 : 20 + shared])

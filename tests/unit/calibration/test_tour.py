@@ -15,7 +15,7 @@ from daemon.arm.guard import Limits
 from daemon.arm.motion import Arrival
 from daemon.arm.operators import RefusedError
 from daemon.arm.supervisor import Supervisor
-from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
+from daemon.calibration.hand_eye import MIN_TURN_DEG, diversity_deg
 from daemon.calibration.session import view_tour
 from daemon.calibration.tour import choose_spread, shortest_order, viewpoints_around
 from tests.fakes.fake_cell import World, build
@@ -27,7 +27,7 @@ def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> N
     looks = viewpoints_around(world_from_board, centre, np.array([0.0, 1.0, 0.0]))
     chosen = choose_spread(looks, 20, lambda _: True, looks[0])
     assert len(chosen) == 20
-    assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
+    assert diversity_deg(chosen) > 1.5 * MIN_TURN_DEG
     for look in chosen:
         np.testing.assert_allclose(look[:3, :3] @ look[:3, :3].T, np.eye(3), atol=1e-9)
         seen = frames.apply(frames.inverse(look), frames.apply(world_from_board, centre))
@@ -41,7 +41,7 @@ def test_a_hand_that_reaches_no_steep_tilt_still_turns_enough_for_the_hand_eye()
     world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([480.0, 40.0, -296.0]))
     looks = viewpoints_around(world_from_board, np.array([64.0, 40.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     chosen = choose_spread(looks, 15, lambda look: look[2, 2] < -np.cos(np.radians(25.0)), looks[0])
-    assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
+    assert diversity_deg(chosen) > 1.5 * MIN_TURN_DEG
 
 
 def test_poses_that_are_not_allowed_are_left_out_and_the_others_are_chosen_once() -> None:

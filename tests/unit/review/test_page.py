@@ -196,7 +196,7 @@ def test_of_very_many_cycles_the_newest_are_shown_and_the_others_are_told(
     """10,000 made a page of 102 MB."""
     for _ in range(4):
         made.pick()
-    monkeypatch.setattr("daemon.review.pagedata.MOST_CYCLES", 3)
+    monkeypatch.setattr("daemon.review.pagedata.MAX_CYCLES", 3)
     page = write_page(made.close(), made.folder / "page.html").read_text()
     data = data_of(page)
     assert [cycle["n"] for cycle in data["cycles"]] == [bar["n"] for bar in data["timeline"]] == [2, 3, 4]

@@ -33,7 +33,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
         context: Any = SimpleNamespace(cycle=cycle, troubles=Troubles(), calibration=None)
         between: Any = CycleObserver(context, Service(Path("facetd.yaml")).in_background)
-        between._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
+        between._drift = SimpleNamespace(add=lambda clue, at: drift, alone=None)
         between.looked(LOOK)
         await asyncio.sleep(0.01)
         standing: dict[str, str] = context.troubles.active
@@ -59,7 +59,7 @@ def test_a_drift_is_told_and_past_its_limit_it_ends_auto(drift: Drift | None, au
 
 def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
-    monkeypatch.setattr(DriftWatch, "seen", lambda watch, clue, at: asked.append(watch))
+    monkeypatch.setattr(DriftWatch, "add", lambda watch, clue, at: asked.append(watch))
     context: Any = SimpleNamespace(cycle=None, troubles=Troubles(), calibration="before")
     between = CycleObserver(context, lambda work, name: work.close())
     for calibration in ("before", "before", "after", "after"):

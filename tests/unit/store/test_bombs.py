@@ -22,7 +22,7 @@ from daemon.store.library import load_facets
 from daemon.store.model import LARGEST_UNFOLDED, ModelError, from_bytes, load, to_bytes
 from daemon.store.npz import ArchiveError, pack, unpack
 from daemon.store.outside import FileError
-from daemon.store.pictures import MOST_PIXELS, PictureError, claimed_pixels, read_grey
+from daemon.store.pictures import MAX_PIXELS, PictureError, claimed_pixels, read_grey
 from daemon.store.runs import RunError, kept_file
 from daemon.store.yamlfile import ConfigError, read
 from daemon.vision.model import empty_model
@@ -126,7 +126,7 @@ def test_every_kind_of_picture_says_how_large_it_is_before_it_is_unfolded() -> N
     assert claimed_pixels(b"P5 # a remark\n 99999 99999\n255\n") == 99_999**2
     assert claimed_pixels(b"\xff\xd8\xff\xff\xe0\0\4ab\xff\xc2\0\x11\x08\xff\xff\xff\xfe") == 65_535 * 65_534
     assert claimed_pixels(b"BM" + bytes(12) + b"\x28\0\0\0" + (7).to_bytes(4, "little") + b"\xf7\xff\xff\xff") == 63
-    assert MOST_PIXELS == 20_000_000
+    assert MAX_PIXELS == 20_000_000
 
 
 @pytest.fixture

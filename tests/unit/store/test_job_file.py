@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.store.job_file import MOST_STEPS, MOST_TIMES, job_names, load_job, unreadable
+from daemon.store.job_file import MAX_STEPS, MAX_TIMES, job_names, load_job, unreadable
 from daemon.store.outside import FileError
 from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.recovery_state import SLOT, RecoverySlot, RecoveryState
@@ -54,7 +54,7 @@ def test_what_a_job_does_not_say_is_in_turn_and_stops_at_a_missing_part(tmp_path
         ("version: 1\nsteps:\n- {prt: cube}\n", "kit.yaml:3: steps[0].prt: unknown key"),
         ("version: 1\nsteps: [{part: cube}]\norder: random\n", "expected one of in turn, any, found"),
         ("version: 2\nsteps: [{part: cube}]\n", "version"),
-        ("version: 1\nsteps: [" + ", ".join(["{part: cube}"] * (MOST_STEPS + 1)) + "]\n", "kit.yaml:2: steps"),
+        ("version: 1\nsteps: [" + ", ".join(["{part: cube}"] * (MAX_STEPS + 1)) + "]\n", "kit.yaml:2: steps"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_its_place(tmp_path: Path, text: str, line: str) -> None:
@@ -104,7 +104,7 @@ def test_a_check_of_all_jobs_names_each_that_cannot_be_read(tmp_path: Path) -> N
 
 def test_the_longest_job_fits_into_a_slot_of_the_recovery_file_beside_the_longest_fault(tmp_path: Path) -> None:
     step = f"{{part: {'p' * 40}, count: 1000000, place: {'q' * 30}.1000}}"
-    text = f"version: 1\nsteps: [{', '.join([step] * MOST_STEPS)}]\nif_missing: wait\n"
-    order = load_job(written(tmp_path, text, "j" * 30), "j" * 30).order(MOST_TIMES)
+    text = f"version: 1\nsteps: [{', '.join([step] * MAX_STEPS)}]\nif_missing: wait\n"
+    order = load_job(written(tmp_path, text, "j" * 30), "j" * 30).order(MAX_TIMES)
     state = RecoveryState("r" * 20, 10**9, "look_at_place", True, "p" * 40, order, "f" * 200, True)
     assert len(msgspec.json.encode(RecoverySlot(10**12, state))) + 10 < SLOT

@@ -10,8 +10,7 @@ import msgspec
 import pytest
 
 from daemon.events.pick_order import PickOrder
-from daemon.store.recovery_state import RecoveryFile, RecoveryState
-from daemon.store.recovery_state import left_behind as left_in
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, read_interrupted_state
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 
@@ -33,7 +32,7 @@ def runs(tmp_path: Path) -> Path:
 
 
 def left_behind(runs: Path) -> RecoveryState | None:
-    return left_in(runs.parent / "standing", ran_before=runs.is_dir())
+    return read_interrupted_state(runs.parent / "standing", ran_before=runs.is_dir())
 
 
 def ran(runs: Path, *records: Record, end: dict[str, Any] | None = None) -> None:

@@ -19,7 +19,7 @@ from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets
 from daemon.store.model_store import ModelStore
 from daemon.store.named_positions import NamedPositions
-from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, read_interrupted_state
 from daemon.store.runlog import RunLog
 from daemon.vision.model import empty_model
 
@@ -254,7 +254,7 @@ def test_what_a_restart_must_know(tmp_path: Path) -> None:
         file.write(new)
 
     def found(folder: Path) -> bool:
-        left = left_behind(folder / "standing", ran_before=True)
+        left = read_interrupted_state(folder / "standing", ran_before=True)
         assert left in (old, new)
         return left == new
 

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.store.recovery_state import SLOT, RecoveryFile, RecoveryState, after, left_behind
+from daemon.store.recovery_state import SLOT, RecoveryFile, RecoveryState, after, read_interrupted_state
 from daemon.store.runlog import RunLog
 
 HELD = RecoveryState("a", cycle=4, state="retreat", hand_closed=True, label="cube")
@@ -33,12 +33,12 @@ def stood(path: Path, *standings: RecoveryState) -> None:
 def test_the_newest_counts_whatever_the_clock_says_and_whatever_runs_lie_about(path: Path) -> None:
     stood(path, RecoveryState("z"), RecoveryState("b"))
     stood(path, HELD)
-    assert left_behind(path, ran_before=True) == HELD
+    assert read_interrupted_state(path, ran_before=True) == HELD
 
 
 def test_where_the_daemon_never_ran_nothing_is_asked_and_where_the_file_went_away_all_is(path: Path) -> None:
-    assert left_behind(path, ran_before=False) is None
-    left = left_behind(path, ran_before=True)
+    assert read_interrupted_state(path, ran_before=False) is None
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert left.in_doubt
     assert left.hand_closed
@@ -51,7 +51,7 @@ def test_a_damaged_slot_is_told_and_nobody_believes_that_the_hand_is_empty(path:
     content = bytearray(path.read_bytes())
     content[at] ^= 1
     path.write_bytes(content)
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert (left.damage, left.in_doubt, left.hand_closed) == (f"{path}: damaged", True, True)
 
@@ -61,7 +61,7 @@ def test_a_damaged_slot_is_told_and_nobody_believes_that_the_hand_is_empty(path:
 )
 def test_whatever_else_lies_there_is_told_as_damage(path: Path, content: bytes) -> None:
     path.write_bytes(content)
-    left = left_behind(path, ran_before=False)
+    left = read_interrupted_state(path, ran_before=False)
     assert left is not None
     assert str(path) in left.damage
 
@@ -74,7 +74,7 @@ def test_a_power_cut_at_any_byte_of_a_write_leaves_the_old_or_the_new_or_asks(pa
     for cut in range(0, SLOT + 1, 64):
         for slot in (0, SLOT):
             path.write_bytes(before[:slot] + whole[slot : slot + cut] + before[slot + cut :])
-            left = left_behind(path, ran_before=True)
+            left = read_interrupted_state(path, ran_before=True)
             assert left is not None
             assert left.cycle in (3, 4)
             assert left == HELD or left == RecoveryState("a", cycle=3) or left.damage
@@ -91,7 +91,7 @@ def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, m
     log.record("hand", closed=True)
     log.settle()
     assert told == [f"{tmp_path / 'run'}: No space left on device"]
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert left.hand_closed
     monkeypatch.undo()
@@ -121,7 +121,7 @@ def test_that_it_cannot_be_kept_is_told_until_it_can(
     log.record("decision")
     log.settle()
     assert told[1:] == [None]
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert left.hand_closed
     log.close()
@@ -131,14 +131,14 @@ def test_the_file_of_an_older_release_is_read_where_it_wrote(path: Path) -> None
     """4096 bytes a slot, since there is such a file: an upgrade in the middle of a pick forgets nothing."""
     slots = [b'{"counter":%d,"standing":{"run":"%s","hand_closed":true}}' % one for one in ((2, b"b"), (1, b"a"))]
     path.write_bytes(b"".join((b"%08x %s" % (zlib.crc32(slot), slot)).ljust(4095) + b"\n" for slot in slots))
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left == RecoveryState("b", hand_closed=True)
 
 
 def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: Path) -> None:
     log = RunLog(tmp_path / "run", recovery=RecoveryFile(path))
     log.record("cycle_start", cycle=7, target="cube")
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     log.close("killed, as far as this file knows")
     assert left is not None
     assert (left.run, left.cycle, left.label) == ("run", 7, "cube")
@@ -149,7 +149,7 @@ def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_
     log.record("auto", on=True, count=5, every_s=None)
     log.roll(tmp_path / "two")
     log.record("hand", closed=True)
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     log.close()
     assert left is not None
     assert left.auto is not None
@@ -167,7 +167,7 @@ def test_a_fault_that_stood_when_the_daemon_ended_or_was_killed_is_told_and_one_
 
 def test_a_text_of_any_length_fits(path: Path) -> None:
     stood(path, after(RecoveryState("a"), "fault", {"text": "\0\N{GREEK SMALL LETTER ALPHA}" * 10_000}))
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert left.damage == ""
 
@@ -191,7 +191,7 @@ def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> N
     RecoveryFile(path).close()
     assert path.stat().st_size == 2 * SLOT
     assert path.stat().st_blocks * 512 >= 2 * SLOT
-    assert left_behind(path, ran_before=False) is None
+    assert read_interrupted_state(path, ran_before=False) is None
 
 
 @pytest.mark.parametrize("content", [b"", bytes(2 * SLOT)], ids=["cut to nothing", "zeros"])
@@ -199,8 +199,8 @@ def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Pa
     """What file systems make of one after a crash, and somebody who empties it: a part in the gripper was forgotten."""
     stood(path, RecoveryState("a", hand_closed=True))
     path.write_bytes(content)
-    assert left_behind(path, ran_before=False) is None
-    left = left_behind(path, ran_before=True)
+    assert read_interrupted_state(path, ran_before=False) is None
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert (left.hand_closed, left.in_doubt) == (True, True)
     assert left.damage == f"{path}: empty, although there were runs before"
@@ -210,12 +210,12 @@ def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(p
     file = RecoveryFile(path)
     file.begin("a")
     file.close()
-    assert left_behind(path, ran_before=True) is None
+    assert read_interrupted_state(path, ran_before=True) is None
     stood(path, RecoveryState("a", fault="x"))
     again = RecoveryFile(path)
     again.begin("b")
     again.close()
-    left = left_behind(path, ran_before=True)
+    left = read_interrupted_state(path, ran_before=True)
     assert left is not None
     assert left.fault == "x", "what stands there is not written over"
 

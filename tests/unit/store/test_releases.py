@@ -35,9 +35,12 @@ from daemon.store.model_store import ModelStore
 from daemon.store.runlog import RunLog
 from daemon.store.runs import check_wire, list_runs, read_run
 try:
-    from daemon.store.recovery_state import FILE, RecoveryFile, left_behind
+    from daemon.store.recovery_state import FILE, RecoveryFile, read_interrupted_state
 except ImportError:
-    from daemon.store.standing import FILE, StandingFile as RecoveryFile, left_behind
+    try:
+        from daemon.store.recovery_state import FILE, RecoveryFile, left_behind as read_interrupted_state
+    except ImportError:
+        from daemon.store.standing import FILE, StandingFile as RecoveryFile, left_behind as read_interrupted_state
 from daemon.vision.model import empty_model
 
 what, folder = sys.argv[1], Path(sys.argv[2])
@@ -78,7 +81,7 @@ elif what != "read":
     if places is not None:
         places.keep(what, np.eye(4), what)
 numbers = sorted(int(path.stem) for path in (folder / "models").glob("*.npz"))
-left = left_behind(folder / FILE, True)
+left = read_interrupted_state(folder / FILE, True)
 read = [read_run(run) for run in list_runs(runs)]
 print(json.dumps({
     "views": [[v.name, v.note.get("who"), v.images()[0].tolist()] for v in store.views()],

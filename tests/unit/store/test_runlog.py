@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.store.recovery_state import RecoveryFile, left_behind
+from daemon.store.recovery_state import RecoveryFile, read_interrupted_state
 from daemon.store.runlog import RunLog, _Worker
 from daemon.store.runs import check_wire, read_run
 from tests.fakes.waiting import until
@@ -344,7 +344,7 @@ def test_what_a_full_disk_refused_is_written_once_it_has_room_and_the_trouble_en
     assert sorted(path.name for path in (log.folder / "images").iterdir()) == ["000000-left.png", "000000-right.png"]
     log.close()
     assert not [record for record in read_run(log.folder).records if record["kind"] == "gap"]
-    known = left_behind(tmp_path / "standing", ran_before=True)
+    known = read_interrupted_state(tmp_path / "standing", ran_before=True)
     assert known is not None
     assert known.hand_closed
 
@@ -414,7 +414,7 @@ def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp
     assert fault["text"] == "/media/caf?.yaml: cannot be read"
     assert fault["more"] == {"files": ["/media/caf?.yaml"] * 2}
     assert (after["text"], end["kind"]) == ("goes on", "run_end")
-    left = left_behind(tmp_path / "standing", True)
+    left = read_interrupted_state(tmp_path / "standing", True)
     assert left is not None
     assert left.fault == "/media/caf?.yaml: cannot be read"
 

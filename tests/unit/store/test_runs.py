@@ -145,7 +145,7 @@ def test_a_copy_that_somebody_named_is_not_the_latest_as_long_as_there_are_other
 
 
 def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.store.runs.MOST_RUNS", 3)
+    monkeypatch.setattr("daemon.store.runs.MAX_RUNS", 3)
     made = [new_folder(tmp_path, NOW.replace(second=k)) for k in range(5)]
     for folder in made[:3]:
         RunLog(folder).close()
@@ -179,7 +179,7 @@ def test_of_folders_looked_through_before_nothing_is_known_once_they_are_gone(tm
     other = run_with(tmp_path / "20260101T000000Z-1", size=0)
     assert enforce_quota(tmp_path, 0, other) == [run]
     assert sorted(_SCANNED) == [f"{other}/images", f"{other}/kept"]
-    with patch("daemon.store.runs.MOST_RUNS", 1):
+    with patch("daemon.store.runs.MAX_RUNS", 1):
         run_with(tmp_path / "20260101T000000Z-2", size=0)
         run_bytes(tmp_path / "20260101T000000Z-2")
     assert len(_SCANNED) <= 2, "whoever else removes runs tells nobody"

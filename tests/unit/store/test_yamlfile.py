@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from daemon.store.yamlfile import DEEPEST, LARGEST_BYTES, MOST_VALUES, ConfigError, dotted, read
+from daemon.store.yamlfile import DEEPEST, LARGEST_BYTES, MAX_VALUES, ConfigError, dotted, read
 
 
 class Inner(msgspec.Struct, forbid_unknown_fields=True):
@@ -92,10 +92,10 @@ def test_what_is_right_is_read(tmp_path: Path) -> None:
 
 def test_a_file_may_come_to_so_many_values_and_so_deep_and_no_further(tmp_path: Path) -> None:
     path = tmp_path / "f.yaml"
-    path.write_text("a: [" + "1," * (MOST_VALUES - 3) + "]")
-    assert len(read(path).data["a"]) == MOST_VALUES - 3
-    path.write_text("a: [" + "1," * (MOST_VALUES - 2) + "]")
-    with pytest.raises(ConfigError, match=rf"f\.yaml:1: more than {MOST_VALUES} values"):
+    path.write_text("a: [" + "1," * (MAX_VALUES - 3) + "]")
+    assert len(read(path).data["a"]) == MAX_VALUES - 3
+    path.write_text("a: [" + "1," * (MAX_VALUES - 2) + "]")
+    with pytest.raises(ConfigError, match=rf"f\.yaml:1: more than {MAX_VALUES} values"):
         read(path)
     path.write_text("[" * DEEPEST + "]" * DEEPEST)
     assert read(path).data
@@ -105,7 +105,7 @@ def test_a_file_may_come_to_so_many_values_and_so_deep_and_no_further(tmp_path: 
     ten = "[" + "1," * 10 + "]"
     aliases = f"a: &a {ten}\n" + "".join(f"{n}: &{n} [{f'*{b},' * 10}]\n" for b, n in ("ab", "bc", "cd", "de"))
     path.write_text(aliases)
-    with pytest.raises(ConfigError, match=rf"f\.yaml:5: more than {MOST_VALUES} values"):
+    with pytest.raises(ConfigError, match=rf"f\.yaml:5: more than {MAX_VALUES} values"):
         read(path)
     path.write_text("\n".join(aliases.splitlines()[:3]))
     assert len(read(path).data["c"]) == 10

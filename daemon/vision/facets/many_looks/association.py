@@ -6,19 +6,19 @@ import numpy as np
 
 from daemon.arrays import Array, Index
 from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.many_looks.looks_adjustment import LEAST_MM2
+from daemon.vision.facets.many_looks.looks_adjustment import MIN_MM2
 from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal, off_segments
 
 Ring = tuple[int, ...]
 Pieces = list[tuple[int, int]]
 """(look, facet) of what is one facet or a piece of it."""
 
-LEAST_MM, MOST_MM, SIGMAS = 1.0, 8.0, 4.0
+MIN_MM, MAX_MM, SIGMAS = 1.0, 8.0, 4.0
 """Corners this near are one, farther apart never; in between, those within so many predicted errors."""
 GAP_MM = 4.0
 """Pieces of one facet lie this near to its plane, or within so many predicted errors, and to each other."""
 OF_SHORTEST = 1 / 3  # the same as a share of the shorter of the sides that end there
-TILT_DEG, MOST_TILT_DEG = 12.0, 30.0
+TILT_DEG, MAX_TILT_DEG = 12.0, 30.0
 """Largest angle, degrees, between the normals of pieces of one facet, on top of their own uncertainty; and with it."""
 FACING = 0.2
 """Cosine to its normal from where a facet would have been seen."""
@@ -31,7 +31,7 @@ def match_corners(moved: list[Array], spread: list[Array], outlines: list[list[R
     makes one. moved (N, 3) base, spread (N, 3, 3)."""
     owner = [np.full(len(points), -1, np.intp) for points in moved]
     widths = [_widths(points, rings) for points, rings in zip(moved, outlines, strict=True)]
-    doubts = [np.trace(covariance, axis1=1, axis2=2) + LEAST_MM2 for covariance in spread]
+    doubts = [np.trace(covariance, axis1=1, axis2=2) + MIN_MM2 for covariance in spread]
     beside = [
         [{k for ring in rings if corner in ring for k in ring} for corner in range(len(points))]
         for points, rings in zip(moved, outlines, strict=True)
@@ -42,7 +42,7 @@ def match_corners(moved: list[Array], spread: list[Array], outlines: list[list[R
     count = 0
     for doubt, look, k in every:
         at, width = moved[look][k], widths[look][k]
-        limit = np.clip(SIGMAS * np.sqrt(doubt + 1 / weights[:count]), LEAST_MM, MOST_MM)
+        limit = np.clip(SIGMAS * np.sqrt(doubt + 1 / weights[:count]), MIN_MM, MAX_MM)
         limit = np.minimum(limit, OF_SHORTEST * np.minimum(width, narrowest[:count]))
         apart = np.linalg.norm(centres[:count] - at, axis=1)
         apart[seen_by[look, :count] & (seen_by[:, :count].sum(0) == 1)] = np.inf
@@ -79,7 +79,7 @@ def match_facets(moved: list[Array], spread: list[Array], outlines: list[list[Ri
     every.sort(key=lambda at: tilts[at])
     found = list[Pieces]()
     for at in every:
-        most = np.cos(min(np.radians(TILT_DEG) + tilts[at], np.radians(MOST_TILT_DEG)))
+        most = np.cos(min(np.radians(TILT_DEG) + tilts[at], np.radians(MAX_TILT_DEG)))
         near_mm = np.maximum(GAP_MM, SIGMAS * doubts[at])
         for one in found:
             normal, middle = planes[one[0]]
@@ -145,7 +145,7 @@ def connected_by_marks(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
 
 def _tilt(outline: Array, doubt: Array) -> float:
     """Return how far, rad, an outline's (N, 3) normal may be off whose corners may each be off by `doubt` (N,) mm."""
-    return float((LEAST_MM + doubt.max()) / np.sqrt(max(float(np.linalg.norm(area_vector(outline))), 1e-9)))
+    return float((MIN_MM + doubt.max()) / np.sqrt(max(float(np.linalg.norm(area_vector(outline))), 1e-9)))
 
 
 def _touch(large: Array, small: Array) -> bool:

@@ -25,13 +25,13 @@ from daemon.vision.facets.many_looks.association import (
     match_facets,
 )
 from daemon.vision.facets.many_looks.looks_adjustment import (
-    LEAST_MM2,
+    MIN_MM2,
     FusedCorners,
     LookCorners,
     adjust_looks,
     shared_motion,
 )
-from daemon.vision.facets.many_looks.outlining import LEAST_SINE, Plane, assumed_plane, fit_facet_plane, outlines
+from daemon.vision.facets.many_looks.outlining import MIN_SINE, Plane, assumed_plane, fit_facet_plane, outlines
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity, sides_of
 from daemon.vision.values import Facet, Group
 
@@ -172,7 +172,7 @@ class _Measured:
     def doubts(self, facet: int) -> list[Array]:
         """Return the root of the trace of the covariance, mm, of each corner (N,) of those outlines."""
         spreads = [self.spread[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
-        return [np.sqrt(np.trace(spread, axis1=1, axis2=2) + LEAST_MM2) for spread in spreads]
+        return [np.sqrt(np.trace(spread, axis1=1, axis2=2) + MIN_MM2) for spread in spreads]
 
 
 def _shapes(pieces: _Measured, unseen: Sequence[Plane]) -> list[tuple[Array, int]]:
@@ -198,7 +198,7 @@ def _behind(rings: Sequence[Ring], places: Array) -> list[Plane]:
         at = places[middle.pop()]
         normal = np.cross(places[b] - places[a], places[d] - places[c])
         size = np.linalg.norm(places[b] - places[a]) * np.linalg.norm(places[d] - places[c])
-        if np.linalg.norm(normal) > LEAST_SINE * size:
+        if np.linalg.norm(normal) > MIN_SINE * size:
             found.append(assumed_plane(at, normal))
     return found
 

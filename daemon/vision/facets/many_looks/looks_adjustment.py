@@ -14,7 +14,7 @@ from daemon.vision.geometry import robust_weight, solve, whitener
 
 OUTLIER = 8.0  # sigmas off at which a corner counts a quarter: three residuals each, of errors that are predicted well
 ROUNDS = 6
-LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
+MIN_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
 FREE_MM = 1.0  # how far a corner that nothing holds may lie from where it began
 NONE = np.zeros((0, 3))
 
@@ -122,4 +122,4 @@ def _seen(one: LookCorners, place: Array, error: Array) -> tuple[Array, Array, A
     shared = shared_motion(one.points_mm, one.focal_px, one.baseline_mm)
     moved = frames.apply(place, one.points_mm + shared @ error)
     slopes = np.concatenate([frames.point_motion(one.points_mm @ turn.T), turn @ shared], axis=2)
-    return moved, slopes, whitener(turn @ one.covariance_mm2 @ turn.T + LEAST_MM2 * np.eye(3))
+    return moved, slopes, whitener(turn @ one.covariance_mm2 @ turn.T + MIN_MM2 * np.eye(3))

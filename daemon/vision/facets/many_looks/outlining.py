@@ -16,7 +16,7 @@ from daemon.vision.geometry import area_vector, axes_in, border_loops, inside, s
 
 LINE_MM, OF_WIDTH = 2.0, 0.15
 """A piece's side this near to a line lies on it, and so two sides to each other; less in a narrow facet."""
-LEAST_SINE = 0.12  # planes that meet at a smaller angle share no line that is known
+MIN_SINE = 0.12  # planes that meet at a smaller angle share no line that is known
 COVERED, OF_LOOKS = 0.5, 0.3
 """Share of a cell that pieces cover where it is the facet's; and of the looks that saw the facet at all, how many must
 agree: shadows and what hides a part of it leave the rest to some, a side that was measured wrongly is one look's."""
@@ -25,7 +25,7 @@ REACHED = 0.7
 MARGIN = 0.8  # of the pieces' extent: what none of them shows may lie beyond them all
 SAME_MM = 0.2
 STRAIGHT = 0.05  # sine of the least turn at a corner
-LEAST_MM2 = 20.0
+MIN_MM2 = 20.0
 DEPTHS = (0.0, 0.35, 0.7, 0.95)
 GRID = 12
 
@@ -114,7 +114,7 @@ def _lines_met(plane: Plane, others: Sequence[Plane], low: Array, high: Array, n
     for other in others:
         a = plane.axes @ other.normal
         sine = float(np.linalg.norm(a))
-        if sine < LEAST_SINE:
+        if sine < MIN_SINE:
             continue
         line = np.array([*a, float((other.origin - plane.origin) @ other.normal)]) / sine
         ends = np.array([low, (high[0], low[1]), high, (low[0], high[1])]) @ line[:2] - line[2]
@@ -244,7 +244,7 @@ def _united(cells: Sequence[Array]) -> list[Array]:
             elif a != b:
                 edges.add((a, b))
     rings = [_straightened(np.array([corners[k] for k in loop])) for loop in border_loops(sorted(edges))]
-    return [ring for ring in rings if len(ring) > 2 and _area(ring) > LEAST_MM2]
+    return [ring for ring in rings if len(ring) > 2 and _area(ring) > MIN_MM2]
 
 
 def _straightened(ring: Array) -> Array:

@@ -26,7 +26,7 @@ WITHIN = 0.95
 """Share of a hole that the facet that it is in covers."""
 WHOLE = np.radians(330.0)
 """Share of either ellipse that must show for a whole circle to be assumed."""
-SHORTEST_PX, LEAST_SUPPORT = 6.0, 0.4
+SHORTEST_PX, MIN_SUPPORT = 6.0, 0.4
 """Shortest side or chord, px; and least share of a side's rows that must lie on it."""
 PER_ELEMENT = 0.05  # of worth, that each element must bring
 POINTS = 24  # on an arc
@@ -98,7 +98,7 @@ def _candidate(corners: Array, chord: Sequence[bool], arcs: Sequence[Array], ima
     if np.hypot(*(end - start).T).min() < SHORTEST_PX or not all(map(is_simple, px)):
         return None
     fitted = fit_sides([(view.exposure, count) for view in images.views], start, end)
-    if fitted.support.min() < LEAST_SUPPORT:
+    if fitted.support.min() < MIN_SUPPORT:
         return None
     on_arc = np.tile(chord, 2)[:, None]
     sides = replace(fitted, start=np.where(on_arc, start, fitted.start), end=np.where(on_arc, end, fitted.end))

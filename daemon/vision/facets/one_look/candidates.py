@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, PlanarShape, RectifiedCamera, disparity, planarities, rings, weighted_plane
-from daemon.vision.image import Fitted, Outline, StereoImages, fits, outlines_near
+from daemon.vision.image import Fitted, Outline, StereoImages, fitted_outlines, outlines_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, MeasuredCorners
 
@@ -65,10 +65,10 @@ def find_candidates(
     left, right = outlines
     matches = match_polygons([o.corners for o in left], [o.corners for o in right], images.geometry, settings)
     matches = _best_few(matches, left, right)
-    asked = (images.left, [left[m.left] for m in matches]), (images.right, [right[m.right] for m in matches])
+    requests = (images.left, [left[m.left] for m in matches]), (images.right, [right[m.right] for m in matches])
     fitted = [
         (a, b.rolled(m.shift), min(left[m.left].support, right[m.right].support) - _PER_PX * m.cost)
-        for m, a, b in zip(matches, *fits(asked), strict=True)
+        for m, a, b in zip(matches, *fitted_outlines(requests), strict=True)
         if a is not None and b is not None
     ]
     return [c for c in candidates(fitted, images.geometry) if c.facet.epipolar_px.max() < settings.max_epipolar_px]

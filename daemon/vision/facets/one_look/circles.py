@@ -18,7 +18,7 @@ ROW_PX = 3.0
 """Largest difference, px, in height of the upper and of the lower ends of one circle's ellipses."""
 LEVELS = np.array([-0.8, -0.5, -0.2, 0.2, 0.5, 0.8])
 """Heights, in half heights of an ellipse, at which rays meet first."""
-MOST_OFF_PX = 0.7
+MAX_OFF_PX = 0.7
 """Rms of places off the images of their circle: more, and the two ellipses are no circle's."""
 STEPS, SURE = 8, 1e-9
 """Number of steps of the fit, and the term that keeps its covariance finite."""
@@ -57,7 +57,7 @@ def find_circles(images: StereoImages, radii_mm: Array | None = None) -> list[Me
     left, right = left.chosen(meet), right.chosen(meet)
     fitted, rms, covariance = _nearest_to_both(near, left, right, geometry)
     count = np.array([len(one.places) + len(other.places) for one, other in zip(left.found, right.found, strict=True)])
-    good = np.flatnonzero((rms < MOST_OFF_PX) & _near_a_radius(fitted.radius_mm, radii_mm, 0.0))
+    good = np.flatnonzero((rms < MAX_OFF_PX) & _near_a_radius(fitted.radius_mm, radii_mm, 0.0))
     kept = list[MeasuredCircle]()
     for k in good[np.argsort(rms[good] / np.sqrt(count[good]), kind="stable")]:
         centre, normal, radius = fitted.centre_mm[k], fitted.normal[k], float(fitted.radius_mm[k])

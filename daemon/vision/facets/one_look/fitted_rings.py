@@ -28,7 +28,7 @@ ON_ARC_PX, ON_ARC = 34.0, np.radians(125.0)
 """Largest length, px, and turn from the side before it to the one behind, of what may be a chord of an arc."""
 GAP_PX = 7.0
 """Distance, px, from where their lines meet, of the ends of two sides between which there is an arc."""
-MOST_SIDES, LEAST_TURN, LEAST_RADIUS_MM = 10, np.radians(12.0), 2.5
+MAX_SIDES, MIN_TURN, MIN_RADIUS_MM = 10, np.radians(12.0), 2.5
 """Largest number of sides of a ring; least turn at a corner; least radius, mm, of an arc."""
 SAME_MM, SHORTER = 2.0, 0.97
 """Regions whose middles are so near are one; and how much shorter a stretch is tried next for a side."""
@@ -40,15 +40,15 @@ ON_SIDE, ON_ARCS = 14, 24
 REACHES_PX, EDGE_SIGMAS, NEAR_PX, EDGE_PX = (8, 6, 5, 4, 3, 3), 5.0, 3.0, 0.3
 """Distances, px, to which the edge of an element is searched for, round after round; least slope of it, sigmas;
 preference of the nearer of two, px; usual distance of an edge, px."""
-ON_PX, LEAST_SHOWN, LEAST_ELEMENT = 0.8, 0.9, 0.5
+ON_PX, MIN_VISIBLE, MIN_ELEMENT = 0.8, 0.9, 0.5
 """An edge on its element is no farther off; the share of places, and of those of each element, in either image, that
 have one."""
-LEAST_AT_FIRST, PER_SIDE = 0.5, 0.03
+MIN_AT_FIRST, PER_SIDE = 0.5, 0.03
 """Share of places that have an edge near enough in each round; and of them what a further side must bring."""
 TILT, MOVE_MM, STEP = 1e-3, 0.02, 1e-3
 """Steps by which planes and sides are tilted, rad, and moved, mm, to see how edges move; and STEP, mm, along them to
 see which way they run."""
-HELD, MOST_ILL = 1e-9, 1e12
+HELD, MAX_CONDITION = 1e-9, 1e12
 """Information that holds each number where the edges say nothing of it; and the condition number of what they say, at
 most."""
 _ROWS_PX = np.array([-1.5, 0.0, 1.5])
@@ -81,7 +81,7 @@ class FittedRing:
         turn, out = step[3 : 3 + 2 * count].reshape(2, count)
         radii, centres = np.split(step[3 + 2 * count :], [int(np.count_nonzero(arcs))])
         radius, centre = self.radius_mm.copy(), self.centre_mm.copy()
-        radius[arcs] = np.maximum(radius[arcs] + radii, LEAST_RADIUS_MM / 2)
+        radius[arcs] = np.maximum(radius[arcs] + radii, MIN_RADIUS_MM / 2)
         centre[free] += centres.reshape(-1, 2)
         return FittedRing(
             self.origin + step[0] * normal, axes, self.direction + turn, self.out_mm + out, radius, centre, self.at
@@ -99,7 +99,7 @@ class FittedRing:
         return int(3 + 2 * len(self.direction) + arcs + 2 * free)
 
     @property
-    def ways(self) -> Array:
+    def directions(self) -> Array:
         """(N, 2) unit, along its sides."""
         return np.stack([np.cos(self.direction), np.sin(self.direction)], 1)
 
@@ -111,14 +111,14 @@ class FittedRing:
     @property
     def corners(self) -> Array:
         """(N, 2) mm where the line of each side meets that of the next."""
-        way, out, sine = self.ways, self.out_mm[:, None], np.sin(self.turns)[:, None]
+        way, out, sine = self.directions, self.out_mm[:, None], np.sin(self.turns)[:, None]
         sine = np.where(np.abs(sine) < 1e-6, 1e-6, sine)
         return np.asarray((np.roll(out, -1, axis=0) * way - out * np.roll(way, -1, axis=0)) / sine)
 
     @property
     def ends(self) -> tuple[Array, Array]:
         """(N, 2) mm each, where its sides begin and end."""
-        way, after = self.ways, np.roll(self.ways, -1, axis=0)
+        way, after = self.directions, np.roll(self.directions, -1, axis=0)
         tangent = (self.radius_mm * np.tan(np.abs(self.turns) / 2))[:, None]
         found = []
         for own, out, touch, at in (
@@ -137,7 +137,7 @@ class FittedRing:
         """Return the R arcs of the ring: centre (R, 2), and begin and sweep (R,), rad, anticlockwise."""
         begin, end = self.ends
         begin, arcs = np.roll(begin, -1, axis=0), self.radius_mm > 0
-        inward = np.stack([-self.ways[:, 1], self.ways[:, 0]], 1)
+        inward = np.stack([-self.directions[:, 1], self.directions[:, 0]], 1)
         centre = np.where(self.free[:, None], self.centre_mm, end + self.radius_mm[:, None] * inward)[arcs]
         first, last = (np.arctan2(*(own[arcs] - centre).T[::-1]) for own in (end, begin))
         return centre, first, (last - first) % (2 * np.pi)
@@ -147,7 +147,7 @@ class FittedRing:
         begin, end = self.ends
         turned = np.where(self.free, np.inf, np.abs(self.turns))
         turned[self.free] = self.arcs[2][self.free[self.radius_mm > 0]] - ROUND
-        return bool((((end - begin) * self.ways).sum(1) > 0).all() and (turned > LEAST_TURN).all())
+        return bool((((end - begin) * self.directions).sum(1) > 0).all() and (turned > MIN_TURN).all())
 
     def places(self) -> tuple[Array, Array]:
         """(P, 3) mm, cyclopean, all along it; and (P, 3) a little farther on each. Those of the sides come first."""
@@ -159,7 +159,7 @@ class FittedRing:
         out = np.stack([np.cos(angle), np.sin(angle)], 2)
         round_ = (centre[:, None] + self.radius_mm[self.radius_mm > 0, None, None] * out).reshape(-1, 2)
         along = np.stack([-out[..., 1], out[..., 0]], 2).reshape(-1, 2)
-        at, way = np.concatenate([sides, round_]), np.concatenate([np.repeat(self.ways, ON_SIDE, axis=0), along])
+        at, way = np.concatenate([sides, round_]), np.concatenate([np.repeat(self.directions, ON_SIDE, axis=0), along])
         return self.origin + at @ self.axes, self.origin + (at + STEP * way) @ self.axes
 
 
@@ -250,7 +250,7 @@ def _sketches(origin: Array, axes: Array, ring: Array, px_mm: float) -> Iterator
         if side in short and min(turns[k - 1], turns[k]) > 0 and turns[k - 1] + turns[k] < ON_ARC
     ]
     for kept in ([side for side in sides if side not in chords], *([sides] if chords else [])):
-        if 1 <= len(kept) <= MOST_SIDES:
+        if 1 <= len(kept) <= MAX_SIDES:
             sketch = _sketch(origin, axes, even, kept, px_mm)
             hollow = (sketch.turns < 0) & (sketch.radius_mm > 0) & ~sketch.free
             if sketch.radius_mm.any() and not hollow.any() and sketch.is_sound():
@@ -296,7 +296,7 @@ def _sketch(origin: Array, axes: Array, ring: Array, sides: Sequence[tuple[int, 
         origin, axes, np.array(direction), np.array(out), np.zeros(count), np.full((count, 2), np.nan),
         np.ones((count, 2)),
     )  # fmt: skip
-    both, way, after = np.stack(ends), sharp.ways, np.roll(sharp.ways, -1, axis=0)
+    both, way, after = np.stack(ends), sharp.directions, np.roll(sharp.directions, -1, axis=0)
     begins = np.roll(both[:, 0], -1, axis=0)
     before = ((sharp.corners - both[:, 1]) * way).sum(1)
     behind = ((begins - sharp.corners) * after).sum(1)
@@ -343,14 +343,14 @@ def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float
             np.concatenate(misses)[None, :, None],
             np.concatenate(counts)[None],
         )
-        if np.mean(shown) < LEAST_AT_FIRST:
+        if np.mean(shown) < MIN_AT_FIRST:
             return now, 0.0
         fit = solve(*blocks, HELD * np.eye(size))
-        if np.linalg.cond(fit.held[0]) > MOST_ILL:
+        if np.linalg.cond(fit.held[0]) > MAX_CONDITION:
             return now, 0.0
         now = now.moved(fit.unknowns[0])
     on_sides, on_arcs = np.split(np.array(shown), [ON_SIDE * len(sketch.direction)], axis=1)
     each = [on_sides.reshape(2, -1, ON_SIDE).mean(2), on_arcs.reshape(2, -1, ON_ARCS).mean(2)]
     least, mean = min(one.min() for one in each), np.array(shown).mean(1).min()
-    good = least > LEAST_ELEMENT and mean > LEAST_SHOWN and now.is_sound()
-    return now, (mean - PER_SIDE * len(now.direction)) * (good and (now.radius_mm > LEAST_RADIUS_MM).any())
+    good = least > MIN_ELEMENT and mean > MIN_VISIBLE and now.is_sound()
+    return now, (mean - PER_SIDE * len(now.direction)) * (good and (now.radius_mm > MIN_RADIUS_MM).any())

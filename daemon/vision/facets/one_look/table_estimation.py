@@ -45,19 +45,19 @@ STEPS, ROUNDED_UP = 16, 7.5 / 256
 """Steps of a px in OpenCV's disparities; and by how much these are rounded up on average."""
 WORTH_ANOTHER = 0.3
 """Share of a picture that is matched, in a plane or not, without which another slant shows no more."""
-FEWEST, LEAST_AREA_PX2 = 400, 1000.0
+FEWEST, MIN_AREA_PX2 = 400, 1000.0
 """Matches, without which there is no plane; twice the area of three that are worth one."""
 CELLS = (10, 8)
-LEAST_MATCHED, IN_BOTH = 0.1, 0.5
+MIN_MATCHED, IN_BOTH = 0.1, 0.5
 """A cell of the picture lies in the plane where so large a share of it does, and is in both pictures where so large a
 share would be."""
-LEAST_CELLS, FEWEST_CELLS, LEAST_AROUND = 0.2, 20, 0.5
+MIN_CELL_SHARE, MIN_CELLS, MIN_AROUND = 0.2, 20, 0.5
 """Of the cells in both pictures, which should be so many, such a share must lie in the table; with those between them
 they fill so much of the picture, as no part's face does."""
-MOST_BEYOND, ALL = 0.3, 8.0
+MAX_BEYOND, ALL = 0.3, 8.0
 """Of a cell lies all beyond the plane if so many times more does than lies in it, for a pattern that repeats itself is
 matched here and there; and for every cell in the plane no more than so much of one may lie beyond."""
-LEAST_ON_EDGES = 0.02
+MIN_ON_EDGES = 0.02
 """Of a cell that has anything to match: what one line across a part of it leaves. Where a plane was found in the
 rendered scenes, 99 in 100 cells had five times as much."""
 
@@ -169,7 +169,7 @@ def _table_of(
         cv2.resize(each.reshape(disparities.shape).astype(np.float32), CELLS, interpolation=cv2.INTER_AREA)
         for each in (np.abs(beyond) < 2 * ON_PLANE_PX, beyond > 4 * ON_PLANE_PX, in_both)
     )
-    least = LEAST_MATCHED * both
+    least = MIN_MATCHED * both
     if not _most_of_it((lies > least) & (lies > farther), (farther > least) & (farther > ALL * lies), both > IN_BOTH):
         return None
     return _in_space(plane + canvas.base, canvas, geometry, disparities.shape)
@@ -185,17 +185,17 @@ def coarse_places(shape: tuple[int, int]) -> Array:
 def _most_of_it(lies: Flags, farther: Flags, in_both: Flags) -> bool:
     """Whether cells (rows, columns) that lie in a plane, those of which all lies beyond it, and those that both cameras
     would see, make it the table."""
-    if lies.sum() < LEAST_CELLS * max(in_both.sum(), FEWEST_CELLS) or farther.sum() > MOST_BEYOND * lies.sum():
+    if lies.sum() < MIN_CELL_SHARE * max(in_both.sum(), MIN_CELLS) or farther.sum() > MAX_BEYOND * lies.sum():
         return False
     around = cv2.convexHull(np.argwhere(lies).astype(np.float32))
-    return bool(cv2.contourArea(around) > LEAST_AROUND * np.prod(np.subtract(lies.shape, 1)))
+    return bool(cv2.contourArea(around) > MIN_AROUND * np.prod(np.subtract(lies.shape, 1)))
 
 
 def _plain(view: CameraImage) -> bool:
     """Whether too few cells of a picture show any edges for a plane to lie in them."""
     scale = view.scale(2)
     edges = (scale.strength >= VisionSettings.faintest * scale.sigma).astype(np.float32)
-    return bool((cv2.resize(edges, CELLS, interpolation=cv2.INTER_AREA) > LEAST_ON_EDGES).mean() < LEAST_CELLS)
+    return bool((cv2.resize(edges, CELLS, interpolation=cv2.INTER_AREA) > MIN_ON_EDGES).mean() < MIN_CELL_SHARE)
 
 
 def _pictures(images: StereoImages, canvas: Rectified) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -227,7 +227,7 @@ def plane_of_most(places: Array, disparities: NDArray[np.float32], canvas: Recti
     some = np.linspace(0, len(places) - 1, SAMPLED).astype(int)
     few, own = places[some], disparities[some]
     three = np.random.default_rng(0).integers(0, SAMPLED, (TRIES, 3))  # the same planes for the same pictures
-    three = three[np.abs(np.linalg.det(few[three])) > LEAST_AREA_PX2]
+    three = three[np.abs(np.linalg.det(few[three])) > MIN_AREA_PX2]
     if not len(three):
         return None
     planes = np.linalg.solve(few[three], own[three][..., None])[..., 0]

@@ -107,7 +107,7 @@ def test_print_outside_the_picture_says_nothing() -> None:
 
 def test_the_name_of_a_part_that_leaves_the_picture_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     pictures, rig = shown(CORNER_FIRST, cut_by(CORNER_FIRST, 0.15))
-    monkeypatch.setattr(group_recognition, "LEAST_PROBABILITY", 1.1)  # facets name nothing
+    monkeypatch.setattr(group_recognition, "MIN_PROBABILITY", 1.1)  # facets name nothing
     assert any(one.named for one in look(*pictures, rig, model()).parts)
     monkeypatch.setattr(by_edges, "LEAST_CUT_OFF", 1.1)
     assert not any(one.named for one in look(*pictures, rig, model()).parts)

@@ -14,7 +14,7 @@ from daemon.vision.hypotheses import junctions
 from daemon.vision.hypotheses.directional_edge_map import edge_distances
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch
-from daemon.vision.image import StereoImages, joined, open_stereo, segment_corners
+from daemon.vision.image import StereoImages, join_segments, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import CUBE, KNOWN, pose
 
@@ -34,7 +34,7 @@ def solids(*scales: float) -> SolidBatch:
 
 def guessed(name: str, taught: SolidBatch) -> tuple[PoseBatch, int]:
     images = images_of(name)
-    left, right = (segment_corners(joined(view.segments)) for view in images.views)
+    left, right = (segment_corners(join_segments(view.segments)) for view in images.views)
     maps = edge_distances(images.left), edge_distances(images.right)
     found, _, could = poses_from_junctions(meet(left, right, images.geometry), images.geometry, maps, taught)
     return found, could

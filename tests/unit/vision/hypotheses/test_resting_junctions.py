@@ -20,7 +20,7 @@ from daemon.vision.hypotheses.junctions import CameraJunctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
 from daemon.vision.hypotheses.resting_poses import resting_planes
-from daemon.vision.image import SegmentCorners, StereoImages, joined, open_stereo, segment_corners
+from daemon.vision.image import SegmentCorners, StereoImages, join_segments, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
 
@@ -38,7 +38,7 @@ def images_of(name: str) -> StereoImages:
 
 @cache
 def corners_of(name: str) -> tuple[SegmentCorners, SegmentCorners]:
-    left, right = (segment_corners(joined(view.segments)) for view in images_of(name).views)
+    left, right = (segment_corners(join_segments(view.segments)) for view in images_of(name).views)
     return left, right
 
 

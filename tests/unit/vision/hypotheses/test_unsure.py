@@ -15,7 +15,7 @@ from daemon.vision.hypotheses.directional_edge_map import edge_distances, eviden
 from daemon.vision.hypotheses.junctions import angle, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import TILT, TURNS, ScoredPoses, best_turned, perturbed_poses
-from daemon.vision.image import joined, segment_corners
+from daemon.vision.image import join_segments, segment_corners
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
@@ -59,7 +59,7 @@ def test_a_guess_that_has_no_hinge_stays_as_it_is() -> None:
 
 def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_camera() -> None:
     """Both of its edges point where they did; to the right camera elsewhere."""
-    left, right = (segment_corners(joined(view.segments)) for view in images().views)
+    left, right = (segment_corners(join_segments(view.segments)) for view in images().views)
     maps, geometry = (edge_distances(images().left), edge_distances(images().right)), images().geometry
     taught = SolidBatch.of((PYRAMID,))
     guessed, hinges, _ = poses_from_junctions(meet(left, right, geometry), geometry, maps, taught)

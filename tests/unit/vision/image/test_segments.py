@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from daemon.vision.image import segments
 from daemon.vision.image.segments import (
-    MOST_SEGMENTS,
+    MAX_SEGMENTS,
     Segments,
     cells_of,
     find_segments,
-    joined,
+    join_segments,
     segment_corners,
     segments_by_lsd,
     shared_out,
@@ -88,7 +88,7 @@ def test_pieces_of_a_broken_edge_are_also_one_segment_that_reaches_its_corners()
         np.array([[118.0, 100.0], [145.0, 100.5], [100.0, 160.0]]),
         np.array([[140.0, 100.2], [190.0, 101.0], [100.0, 100.0]]),
     )
-    whole = joined(pieces)
+    whole = join_segments(pieces)
     assert whole.lengths_px.tolist() == pytest.approx([72.0, 60.0, 45.0, 22.0], abs=0.1)
     assert len(segment_corners(pieces).at) == 0
     assert np.allclose(segment_corners(whole).at, [[100.0, 100.0]], atol=0.5)
@@ -97,7 +97,7 @@ def test_pieces_of_a_broken_edge_are_also_one_segment_that_reaches_its_corners()
 def test_pieces_that_turn_or_step_aside_are_not_joined() -> None:
     start = np.array([[100.0, 100.0], [135.0, 106.0], [135.0, 95.0], [200.0, 100.0]])
     end = np.array([[130.0, 100.0], [170.0, 106.0], [165.0, 90.0], [230.0, 100.0]])
-    assert len(joined(Segments(start, end)).start) == len(start)
+    assert len(join_segments(Segments(start, end)).start) == len(start)
 
 
 @given(st.lists(st.integers(0, 6), max_size=60), st.integers(0, 70))
@@ -120,14 +120,14 @@ def test_of_a_table_with_a_grain_the_segments_of_a_part_are_kept() -> None:
     start = np.stack([np.tile(np.arange(0.0, 1000.0, 20.0), 20), np.repeat(np.arange(20.0) * 40, 50)], 1)
     grain = Segments(start, start + np.array([0.0, 35.0]))
     part = Segments(np.array([[300.0, 300.0], [300.0, 320.0]]), np.array([[320.0, 300.0], [320.0, 321.0]]))
-    found = joined(Segments(np.concatenate([grain.start, part.start]), np.concatenate([grain.end, part.end])))
-    assert len(found.start) == MOST_SEGMENTS < len(grain.start)
+    found = join_segments(Segments(np.concatenate([grain.start, part.start]), np.concatenate([grain.end, part.end])))
+    assert len(found.start) == MAX_SEGMENTS < len(grain.start)
     assert {(20.0, 0.0), (20.0, 1.0)} <= {tuple(way) for way in (found.end - found.start).round(6).tolist()}
     assert (np.diff(found.lengths_px) <= 1e-9).all()
 
 
 def test_of_a_ruled_table_the_corners_of_a_part_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(segments, "MOST_CORNERS", 30)
+    monkeypatch.setattr(segments, "MAX_CORNERS", 30)
     lines = 40.0 * np.arange(1, 12)
     across = np.stack([np.full(11, 20.0), lines], 1), np.stack([np.full(11, 480.0), lines], 1)
     down = across[0][:, ::-1] + np.array([150.0, 0.0]), across[1][:, ::-1] + np.array([150.0, 0.0])

@@ -7,7 +7,7 @@ import pytest
 
 from daemon.vision.image.grey import VisionError
 from daemon.vision.image.segments import find_segments
-from daemon.vision.image.stereo_images import CameraImage, fits, open_stereo, outlines_near
+from daemon.vision.image.stereo_images import CameraImage, fitted_outlines, open_stereo, outlines_near
 from daemon.vision.settings import VisionSettings
 from tests.fakes.painted import paint_pair
 from tests.fakes.printed import print_pair, straight_rig
@@ -23,11 +23,11 @@ def cube_seen() -> CameraImage:
 def test_outlines_and_what_was_fitted_to_them_are_kept() -> None:
     view, brief = cube_seen(), VisionSettings().coarse()
     (outlines,) = outlines_near([(view, view.rough(brief))], brief)
-    first = fits([(view, outlines)])[0]
+    first = fitted_outlines([(view, outlines)])[0]
     assert len(outlines) >= 3
     assert view.rough(brief) is view.rough(brief)
     assert outlines_near([(view, view.rough(brief))], brief) == [outlines]
-    assert all(a is b for a, b in zip(fits([(view, outlines)])[0], first, strict=True))
+    assert all(a is b for a, b in zip(fitted_outlines([(view, outlines)])[0], first, strict=True))
 
 
 def test_a_part_on_a_plain_table_is_uncluttered_and_a_patterned_table_is_not() -> None:

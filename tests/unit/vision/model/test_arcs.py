@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
-from daemon.vision.model.arcs import FEWEST_CORNERS, NAME_STEP_DEG, arc_name, find_arc
+from daemon.vision.model.arcs import MIN_CORNERS, NAME_STEP_DEG, arc_name, find_arc
 from daemon.vision.model.facet_types import type_facet
 
 motions = st.builds(
@@ -73,13 +73,13 @@ def test_an_arc_stays_one_when_it_is_larger(count: int, scale: float, motion: Ar
 
 
 @settings(deadline=None)
-@given(st.integers(3, FEWEST_CORNERS - 1), radii, motions)
+@given(st.integers(3, MIN_CORNERS - 1), radii, motions)
 def test_a_polygon_of_few_corners_is_no_arc(count: int, radius: float, motion: Array) -> None:
     assert find_arc(frames.apply(motion, disc(count, radius)), spread(count)) is None
 
 
 @settings(deadline=None)
-@given(st.integers(FEWEST_CORNERS, 16), radii, st.integers(0, 15))
+@given(st.integers(MIN_CORNERS, 16), radii, st.integers(0, 15))
 def test_corners_in_and_out_of_a_circle_are_no_arc(count: int, radius: float, by: int) -> None:
     zigzag = disc(2 * (count // 2), radius) * np.tile([[1.0], [0.8]], (count // 2, 1))
     assert find_arc(np.roll(zigzag, by, axis=0), spread(len(zigzag))) is None

@@ -95,7 +95,7 @@ def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first(monkeypatch
     assert 1.0 < max(off) < 16.0
     assert len(set(labels)) > 3
     assert len(facet_poses(exact(2 * seen.corners_mm, seen.facets), many, 8.0)[0]) == 0
-    monkeypatch.setattr(sys.modules[facet_poses.__module__], "MOST_NEAR", 3)
+    monkeypatch.setattr(sys.modules[facet_poses.__module__], "MAX_NEAR", 3)
     assert facet_poses(seen, many, 8.0)[0].tolist() == parts[:3].tolist()
 
 

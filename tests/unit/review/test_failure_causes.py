@@ -25,11 +25,11 @@ from daemon.events.codes import CauseCode
 from daemon.events.upgrade import VERSION
 from daemon.review.brief import read_brief
 from daemon.review.digest import digest
+from daemon.review.failure_causes import PLANNED, all_seem_to_move, causes, in_plain_words, text_of, times_its_limit
 from daemon.review.not_counted import picks_not_counted
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.production import production
-from daemon.review.why import PLANNED, all_seem_to_move, causes, in_plain_words, text_of, times_its_limit
 from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
 from daemon.store.yamlfile import kinds_of

@@ -7,8 +7,8 @@ import pytest
 
 from daemon.store import folders
 from drivers.simcell.parts import part_shape
-from drivers.simcell.presentation import VIEWS, NoViewError, characteristic_pose
 from drivers.simcell.rigid import apply, rigid, turn
+from drivers.simcell.stand import VIEWS, NoViewError, characteristic_pose
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
