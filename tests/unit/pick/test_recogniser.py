@@ -70,3 +70,16 @@ assert "daemon.vision.look" in sys.modules
 def test_a_worker_that_has_the_recogniser_is_ready_to_look(stored: ModelRecogniser) -> None:
     """The first look does not wait until the program of looks is loaded."""
     subprocess.run([sys.executable, "-c", READY], input=pickle.dumps(stored), check=True)
+
+
+def test_a_pair_of_one_camera_is_seen_by_its_own_rig_and_every_other_by_the_cells(
+    stored: ModelRecogniser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One camera that took both pictures has another baseline from pair to pair."""
+    used = []
+    monkeypatch.setattr("daemon.vision.look.look", lambda left, right, rig, *_: used.append(rig))
+    own, dark = rig(), np.zeros((8, 8), np.uint8)
+    stored.see(dark, dark)
+    stored.see(dark, dark, None, own)
+    assert used == [stored.rig, own]
+    assert own is not stored.rig
