@@ -466,7 +466,7 @@ def test_a_position_that_is_named_amid_a_pick_is_no_place_on_the_way():
         typed(story, "positions", 0.5)
         return "on the way" if "spot" in story.texts[-1] else None
 
-    proven(act, "on the way", (PickCycle, "rest", place_on_the_way), parts=True)
+    proven(act, "on the way", (PickCycle, "wait_until_at_rest", place_on_the_way), parts=True)
 
 
 def remembered_positions(now: Callable[[NamedPositions], dict[str, Any]] = NamedPositions.now) -> Any:
