@@ -178,6 +178,6 @@ def test_from_the_moment_the_gripper_has_closed_the_part_in_it_is_guarded_as_it_
     step(context, world, PickState.CLOSING)
     belief = context.mover.belief
     assert {capsule.name for capsule in belief.capsules} == {"cube in the gripper"}
-    assert belief.held is not None
-    np.testing.assert_allclose(belief.held.value.tool_from_part, target.tool_from_part)
+    assert belief.grasped_part is not None
+    np.testing.assert_allclose(belief.grasped_part.value.tool_from_part, target.tool_from_part)
     assert context.mover.bounds.capsules == (*context.mover.limits.capsules, *belief.capsules)

@@ -42,7 +42,7 @@ def test_a_pause_that_comes_while_the_line_of_a_move_is_typed_keeps_it_from_bein
         link = linked(port, character_pause_s=dialect.character_pause_s)
         link.permission = permission
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         with pytest.raises(LineHeldBack):
             await link.move_straight(GOAL, start=START)
         return port.lines
@@ -57,7 +57,7 @@ def test_what_somebody_types_right_behind_the_reading_before_a_move_sends_no_mov
         port = Shared(usual)
         link = linked(port)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         with pytest.raises(Disturbed):
             await link.move_straight(GOAL, start=MoveStart(40.0, lambda _: port.others("SPEED 100\r\n.")))
         return port.lines
@@ -73,7 +73,7 @@ def test_where_the_speed_or_the_place_of_a_move_is_refused_no_move_is_sent(refus
         port = Scripted(lambda line, nth: "\r\n*Illegal value*" + PROMPT if line == refused else usual(line, nth))
         link = linked(port)
         await link.open()
-        await link.prove_stop()
+        await link.test_stop()
         with pytest.raises(ControllerError, match="Illegal value"):
             await link.move_straight(GOAL, start=START)
         return port.lines

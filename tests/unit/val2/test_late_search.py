@@ -48,6 +48,15 @@ class Stalled(Scripted):
         return self
 
 
+async def opened() -> tuple[Stalled, Link, list[str]]:
+    """A line on which bytes may be late, the open link on it, and the list that grows as somebody else is noticed."""
+    port, voided = Stalled(), list[str]()
+    link = linked(port)
+    link.disturbed = lambda: voided.append("void")
+    await link.open()
+    return port, link, voided
+
+
 @pytest.mark.parametrize("searches", [1, 2, 3])
 @pytest.mark.parametrize("ask", [Link.where, lambda link: link.speed(40.0)], ids=["WHERE", "SPEED"])
 def test_the_late_echo_of_a_search_is_nobodys_line_wherever_it_stands_in_the_next_exchange(
@@ -57,11 +66,7 @@ def test_the_late_echo_of_a_search_is_nobodys_line_wherever_it_stands_in_the_nex
     that, amid the next line. Every byte behind the answer is late once."""
 
     async def story(behind: int) -> int:
-        port = Stalled()
-        link = linked(port)
-        voided: list[str] = []
-        link.disturbed = lambda: voided.append("void")
-        await link.open()
+        port, link, voided = await opened()
         first = port.came
         await ask(link)
         answered, answer = port.came, port.came - first
@@ -87,11 +92,7 @@ def test_behind_a_move_whose_answer_was_lost_neither_the_search_nor_our_reading_
     """A line that moves is not typed again: what was half typed after it, to read where the arm is, is taken back."""
 
     async def story(behind: int) -> int:
-        port = Stalled()
-        link = linked(port)
-        voided: list[str] = []
-        link.disturbed = lambda: voided.append("void")
-        await link.open()
+        port, link, voided = await opened()
         first = port.came
         await link.command("DO MOVE #A", timeout_s=5.0)
         answered, answer = port.came, port.came - first
