@@ -475,7 +475,7 @@ def test_where_no_break_is_typed_an_arm_is_seen_at_work_on_opening_by_two_readin
     async def story(moves: bool) -> tuple[list[str], bool]:
         port = Scripted(lambda line, nth: table(400.0 + moves * nth) if line == "WHERE" else PROMPT)
         link = linked(port, break_after_move=False)
-        link._belongs_together = lambda _: False  # whose TOOL it is does not matter for that
+        link.belongs_together = lambda _: False  # whose TOOL it is does not matter for that
         with contextlib.suppress(NoAnswer):  # this one moves for ever
             await link.open()
         return port.lines, link.stopped_on_opening
