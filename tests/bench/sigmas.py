@@ -136,7 +136,7 @@ def fixed(seed: int) -> Scores:
         true = WORLD_FROM_CAMERAS @ pose @ frames.inverse(TOOL_FROM_BOARD)
         views = [_seen(camera, pose, noise_px, rng).corners_px for camera in (TRUTH.left, TRUTH.right)]
         reported = true @ frames.perturb(np.eye(4), rng.normal(0, arm))
-        samples.append(Sample(reported, BOARD.points_mm(), *views, held=True))
+        samples.append(Sample(reported, BOARD.points_mm(), *views, board_in_gripper=True))
     found = calibrate_hand_eye(samples, TRUTH)
     assert found.about_mm is not None
     motion = frames.difference(found.mounting, WORLD_FROM_CAMERAS)

@@ -71,12 +71,12 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordina
             for number in range(24):
                 if number % 8 == 0:
                     await here.cycle.go(places[number // 8 % len(places)])
-                assert watch.seen((await here.cycle.look()).clue, "08:00") is None
+                assert watch.add((await here.cycle.look()).clue, "08:00") is None
             here.cell.camera.displace("right", (0.2, 0.0, 0.0))
             for number in range(20):
                 if number % 7 == 0:
                     await here.cycle.go(places[number // 7 % len(places)])
-                if watch.seen((await here.cycle.look()).clue, "09:12") is not None:
+                if watch.add((await here.cycle.look()).clue, "09:12") is not None:
                     return number + 1, watch.drift
             return None, None
 

@@ -181,7 +181,7 @@ class Tally:
         """One more look."""
         self.ms.append(1000 * sum(scene.seconds.values()))
         self.ended += any("vision: budget_s" in note for note in scene.notes)
-        self.named += [f"{part.label} in {number}" for part in scene.parts if part.named]
+        self.named += [f"{part.recognition.label} in {number}" for part in scene.parts if part.named]
 
     def row(self) -> str:
         """For people."""
