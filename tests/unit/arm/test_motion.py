@@ -352,6 +352,22 @@ def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(v
     mover.check(command(NEAR, False, 50.0))
 
 
+def test_a_place_that_the_arm_reaches_in_one_configuration_only_is_refused_once_it_was_turned_over(monkeypatch):
+    mover = mover_in(World(np.random.default_rng(0)))
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    over = puma560.inverse(NEAR, puma560.Configuration(flip=True), ARM, mover.belief.resting_reading.joints_rad)
+    monkeypatch.setattr(mover.cell.robot, "_joints", lambda _: over)
+    asyncio.run(mover.wait_until_at_rest())
+    kinematics, honest = mover.cell.robot.kinematics, mover.cell.robot.kinematics.reachable
+
+    def only_flipped(world_from_tool, joints_rad):
+        return honest(world_from_tool, joints_rad) if puma560.configuration_of(joints_rad).flip else None
+
+    monkeypatch.setattr(kinematics, "reachable", only_flipped)
+    with pytest.raises(MoveRefusedError, match="turned_over"):
+        mover.check(command(NEAR, False, 50.0))
+
+
 @pytest.mark.parametrize("straight", [False, True])
 def test_on_a_line_alone_a_joint_may_have_gone_once_round(straight):
     world = World(np.random.default_rng(0))
