@@ -60,7 +60,7 @@ FAMILY_SEEDS = range(0, 24, 2)
 HEAP_SEEDS = range(8200, 8232, 2)
 """Of the kinds of heaps, 64 parts taught."""
 COMPONENTS: dict[str, Without] = {
-    "the fine pass": Without(look_module, "_worth_a_closer_look", lambda _: False),
+    "the fine pass": Without(look_module, "_needs_fine_search", lambda _: False),
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
     "the pose that shows most": Without(edge_adjustment, "most_in_view", lambda *_: 0),
     "wear": Without(edge_adjustment, "wear_of", lambda _, variance_mm2: (0.0, 0.0)),

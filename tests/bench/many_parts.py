@@ -118,12 +118,12 @@ def photographed(parts: list[DrawnPart], truth: Truth) -> Iterator[tuple[DrawnPa
             rest = part.shape.rests[int(rng.integers(len(part.shape.rests)))]
             lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
             middle = np.array([*spot[:2], lies[2, 3]])
-            cameras = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
-            if len(visible_facets(drawn, -lies[:3, :3].T @ cameras[:3, 2], FACING)) >= FACETS:
+            stand = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
+            if len(visible_facets(drawn, -lies[:3, :3].T @ stand[:3, 2], FACING)) >= FACETS:
                 break
         things = tuple(RenderedSolid(piece, lies, truth.lighting.facet_albedo) for piece in part.shape.pieces)
-        stage[:] = [SimulatedScene(cameras, things, number)]
-        yield part, cameras.grab(0.0, 2.0), inverse(cameras) @ lies
+        stage[:] = [SimulatedScene(stand, things, number)]
+        yield part, cameras.grab(0.0, 2.0), inverse(stand) @ lies
 
 
 def answer(model: Model, rig: StereoRig, part: DrawnPart, pair: StereoPair, where: Array) -> Answer:

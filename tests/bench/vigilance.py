@@ -198,7 +198,7 @@ def _became(scene: Scene, told: dict[str, Any] | str, model: Model) -> Iterator[
 @contextmanager
 def _counted(row: Row) -> Iterator[None]:
     """Counts the ways that are measured of two facets and more."""
-    before = RECOGNISE.fitted
+    before = RECOGNISE.fit_candidates
 
     def counting(
         seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[LabelledCorrespondence], tolerance_mm: float
@@ -207,11 +207,11 @@ def _counted(row: Row) -> Iterator[None]:
         found: tuple[FacetHypothesis, ...] = before(seen, metric, ways, tolerance_mm)
         return found
 
-    setattr(RECOGNISE, "fitted", counting)  # noqa: B010
+    setattr(RECOGNISE, "fit_candidates", counting)  # noqa: B010
     try:
         yield
     finally:
-        setattr(RECOGNISE, "fitted", before)  # noqa: B010
+        setattr(RECOGNISE, "fit_candidates", before)  # noqa: B010
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from daemon.store.folders import HOUSE
+from tests.bench import ablation
 from tests.bench.long import mutations
 
 NAMED = re.compile(
@@ -125,6 +126,11 @@ def test_every_bench_and_every_fake_can_be_imported() -> None:
     for module in modules:
         if module.name != "__main__":
             importlib.import_module(".".join(module.parts))
+
+
+def test_every_component_that_the_ablation_leaves_out_is_there() -> None:
+    gone = {name for name, without in ablation.COMPONENTS.items() if not hasattr(without.module, without.name)}
+    assert gone == set()
 
 
 def test_both_commands_lead_into_the_house() -> None:
