@@ -73,14 +73,6 @@ class MoveCommand:
     contact: SupportContact | None = None
 
 
-@dataclass(frozen=True)
-class PathViolation:
-    """A rule that a command breaks somewhere on its path: the rule's name and a line for people."""
-
-    rule: str
-    text: str
-
-
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """The state that the rules are checked against. not_permitted: why nothing may move now (MotionPermission.refusal),
@@ -90,7 +82,7 @@ class ArmState:
     not_permitted: Refusal | None
     at: Array | None
     now_s: float
-    violations: tuple[PathViolation, ...] = ()
+    violations: tuple[Refusal, ...] = ()
 
 
 Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
@@ -194,11 +186,13 @@ RULES: tuple[tuple[str, Rule | None], ...] = (
 
 
 def refuse(command: MoveCommand, state: ArmState, limits: Limits) -> Refusal | None:
-    """Return the first rule that the command breaks, or None where it may be sent."""
-    not_permitted = () if state.not_permitted is None else (state.not_permitted,)
-    found = {broken.rule: broken.text for broken in (*reversed(state.violations), *not_permitted)}
+    """Return why the command may not be sent, or None where it may. Whatever withholds permission does so first; then
+    counts the first broken rule of RULES, and last whatever else the path breaks."""
+    if state.not_permitted is not None:
+        return state.not_permitted
+    found = {broken.rule: broken.text for broken in reversed(state.violations)}
     for name, rule in RULES:
         text = (None if rule is None else rule(command, state, limits)) or found.get(name)
         if text is not None:
             return Refusal(name, text)
-    return None
+    return next(iter(state.violations), None)

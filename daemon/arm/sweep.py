@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
-from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.permission import Refusal
 from daemon.arm.robot import Kinematics
 from daemon.arrays import Array, Flags
@@ -197,14 +197,14 @@ def origins_off_mm(links: Array) -> Array:
 
 def path_of(
     start: Reading, command: MoveCommand, joints_rad: Array | None, robot: Kinematics, body: ArmBody
-) -> JointPath | StraightPath | PathViolation:
-    """The path of a command; joints_rad (6,): the end of a joint-interpolated one. A PathViolation where there is no
+) -> JointPath | StraightPath | Refusal:
+    """The path of a command; joints_rad (6,): the end of a joint-interpolated one. A Refusal where there is no
     path."""
     links = robot.frames(start.joints_rad[None])[0]
     reaches = lever_arms_mm(links, body)
     if not command.straight:
         if joints_rad is None:
-            return PathViolation("no_way", "the arm cannot reach it in its present configuration")
+            return Refusal("no_way", "the arm cannot reach it in its present configuration")
         change = joints_rad - start.joints_rad
         return JointPath(robot, start.joints_rad, change, np.abs(change) @ reaches)
     return _straight_path(start, command, robot, body, links, reaches)
@@ -212,7 +212,7 @@ def path_of(
 
 def _straight_path(
     start: Reading, command: MoveCommand, robot: Kinematics, body: ArmBody, links: Array, reaches: Array
-) -> StraightPath | PathViolation:
+) -> StraightPath | Refusal:
     """The straight path of a command, with bounds of the rotation of joints 1 to 3 between two samples.
 
     s, the least singular value of the wrist centre's Jacobian J, bounds the joint speeds: q' = v / J is at most v / s.
@@ -328,7 +328,7 @@ def gaps_of(links: Array, body: ArmBody, limits: Limits) -> Gaps:
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 
 
-def violations(path: MovePath, body: ArmBody, limits: Limits) -> tuple[PathViolation, ...]:
+def violations(path: MovePath, body: ArmBody, limits: Limits) -> tuple[Refusal, ...]:
     """The rules that the path breaks, each with its worst sample; none where the path is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
     shares = path.first()
@@ -377,11 +377,11 @@ def broad_phase(ends: Array, travel: Array, body: ArmBody, limits: Limits) -> Un
     return Unproven(np.flatnonzero(near), np.flatnonzero(meets.any(axis=1)))
 
 
-def _no_path(share: float, why: str) -> PathViolation:
-    return PathViolation("no_way", f"after {100 * share:.0f} % of the way {why}")
+def _no_path(share: float, why: str) -> Refusal:
+    return Refusal("no_way", f"after {100 * share:.0f} % of the way {why}")
 
 
-def _unreachable(shares: Array, links: Array) -> PathViolation | None:
+def _unreachable(shares: Array, links: Array) -> Refusal | None:
     """The first of the (N,) shares that the arm cannot reach, or None; links (N, 8, 4, 4): its frames there."""
     reached = np.isfinite(links).all(axis=(1, 2, 3))
     return None if reached.all() else _no_path(shares[~reached].min(), "the arm cannot follow in its configuration")
@@ -404,7 +404,7 @@ def _merge(old: Array, found: Array, new: NDArray[np.bool_]) -> Array:
     return values
 
 
-def _worst(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: float) -> tuple[PathViolation, ...]:
+def _worst(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: float) -> tuple[Refusal, ...]:
     """For each rule the largest of lacking (N, P), by sample and section of the arm, if it is more than slack."""
     found = []
     for rule in dict.fromkeys(what[0] for what in gaps.what):
@@ -416,7 +416,7 @@ def _worst(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack:
             axis = ends[place, gaps.capsule[pair]]
             at = "{:.0f} {:.0f} {:.0f}".format(*axis[axis[:, 2].argmin()])
             text = f"{where[int(place)]} the {part}, at {at}, comes {by_mm:.1f} mm too near to {thing}"
-            found.append(PathViolation(rule, text))
+            found.append(Refusal(rule, text))
     return tuple(found)
 
 
@@ -437,5 +437,5 @@ def path_refusal(
     joints = None if command.straight else robot.reachable(command.world_from_tool, start.joints_rad)
     body = body_of(limits.capsules, limits.body_mm)
     path = path_of(start, command, joints, robot, body)
-    met = (path,) if isinstance(path, PathViolation) else violations(path, body, limits)
+    met = (path,) if isinstance(path, Refusal) else violations(path, body, limits)
     return refuse(command, replace(state, violations=met), limits) if met else None

@@ -19,7 +19,7 @@ from typing import Any
 from daemon.cli import demo_kit
 from daemon.cli.starting import StartError, daemon_in, wait_until_ready
 from daemon.errors import FacetdError
-from daemon.events.outcomes import Outcome
+from daemon.events.outcomes import BROUGHT
 from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
@@ -342,7 +342,7 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
         match record["kind"]:
             case "cycle_start":
                 began_s = record["mono_s"]
-            case "decision" if record["text"] not in set(Outcome):  # an outcome comes once more, with its time
+            case "decision" if record["text"] not in BROUGHT:  # these come once more, with their time
                 say(f"  {record['text']}: {record['why']}")
             case "estimate":
                 error = f"{record['predicted_mm']:.2f} mm, {record['predicted_deg']:.2f} degrees"

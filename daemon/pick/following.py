@@ -3,7 +3,7 @@
 Values and geometry; nothing here moves, waits or writes a log.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -120,16 +120,17 @@ def fitted(target: Target, look: Look) -> Fit | None:
     found = [fit for fit in (*named, by_facets) if fit is not None]
     if not found:
         return None
-    fractions = [_edge_fraction(target.shape, look.taken.stereo, fit.cyclopean_from_part) for fit in found]
-    likely = [fit for fit, fraction in zip(found, fractions, strict=True) if fraction >= AS_LIKELY * max(fractions)]
+    likely = found if len(found) == 1 else _confirmed_by_edges(target.shape, look.taken.stereo, found)
     start = min(likely, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     return by_edges(target.shape, look.taken, start.cyclopean_from_part, FACETS_REACH_MM) or start
 
 
-def _edge_fraction(shape: Polyhedron, stereo: StereoImages, pose: Array) -> float:
-    """How much of the evidence that its edges could give they give for a part at cyclopean_from_part (4, 4); 0 where
-    they speak against it."""
-    return max(0.0, EdgeEvidence.of(edge_samples_of(SolidBatch.of([shape]), stereo, pose[None], TOLERANCE_MM)).fraction)
+def _confirmed_by_edges(shape: Polyhedron, stereo: StereoImages, fits: Sequence[Fit]) -> list[Fit]:
+    """The fits at whose poses edges give about as much evidence as at the best of them."""
+    solids = SolidBatch.of([shape])
+    samples = [edge_samples_of(solids, stereo, fit.cyclopean_from_part[None], TOLERANCE_MM) for fit in fits]
+    fractions = [max(0.0, EdgeEvidence.of(both).fraction) for both in samples]
+    return [fit for fit, fraction in zip(fits, fractions, strict=True) if fraction >= AS_LIKELY * max(fractions)]
 
 
 def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
@@ -260,7 +261,7 @@ def held_by_edges(
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
     near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
-    fit = fit_by_edges(shape, taken.stereo, near, reach_mm, least_outline=0.0)  # the fingers hide some of it
+    fit = fit_by_edges(shape, taken.stereo, near, reach_mm, partly_hidden=True)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part

@@ -103,14 +103,11 @@ BY_PRIOR = np.linalg.inv(PRIOR)
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """pose (4, 4) cyclopean_from_part of a shape at which edges were last measured; observed: in the left and right
-    camera; information (6, 6) of the pose in those edges that agree.
-    """
+    """The pose (4, 4) cyclopean_from_part at which edges were last measured, and these edges in the left and right
+    camera."""
 
-    shape: Polyhedron
     pose: Array
     observed: tuple[EdgeObservation, EdgeObservation]
-    information: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,19 +133,19 @@ def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_
             for edges, view in zip(_project_unhidden_edges(solids, images, poses), images.views, strict=True)
         ]
         fraction = _fraction_of_length(rough, [seen.there for seen in rough])
-        poses = moved(poses, solved_motion(rough, poses[0], near, reach_mm)[0][None])
+        poses = moved(poses, solved_motion(rough, poses[0], near, reach_mm)[None])
     if fraction < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
         left, right = measure_edges(_project_unhidden_edges(solids, images, poses), images)
-        motion, information = solved_motion((left, right), poses[0], near, reach_mm)
+        motion = solved_motion((left, right), poses[0], near, reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
         if turn and not still and _fraction_of_length((left, right), (left.on_place, right.on_place)) < HOPELESS:
             return None
         if still or turn == MOST_ROUNDS - 1:
             break
         poses = moved(poses, motion[None])
-    return Located(shape, poses[0], (left, right), information)
+    return Located(poses[0], (left, right))
 
 
 def _project_unhidden_edges(
@@ -170,13 +167,17 @@ def _project_unhidden_edges(
     return left, right
 
 
-def _is_supported(found: Located) -> bool:
-    """Whether so much of a part's outline is on its place in both cameras that they hold its pose."""
-    on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
-    shares = map(_outline_fraction, (seen.edges for seen in found.observed), on_place)
-    if min(shares) < LEAST_OUTLINE:
+def _hold_pose(observed: Sequence[EdgeObservation]) -> bool:
+    """Whether in both cameras so much of a part's outline is in place that its edges hold the pose: also along a bar
+    whose ends are out of view there must be an edge."""
+    in_place = [seen.on_place & seen.edges.sharp for seen in observed]
+    if min(_outline_fraction(seen.edges, good) for seen, good in zip(observed, in_place, strict=True)) < LEAST_OUTLINE:
         return False
-    return bool(np.linalg.cond(found.information * np.outer(SCALE, SCALE)) <= SAFE_CONDITION)
+    information = np.zeros((6, 6))
+    for seen, good in zip(observed, in_place, strict=True):
+        rows = whitener(seen.doubt[good]) @ seen.edges.jacobian[good]
+        information += np.einsum("eia,eib->ab", rows, rows)
+    return bool(np.linalg.cond(information * np.outer(SCALE, SCALE)) <= SAFE_CONDITION)
 
 
 def refine_from_pose(
@@ -213,21 +214,21 @@ def refine_from_pose(
 
 
 def fit_by_edges(
-    shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float, least_outline: float = LEAST_OUTLINE
+    shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float, partly_hidden: bool = False
 ) -> Fit | None:
     """Fit the pose cyclopean_from_part (4, 4) of a part within reach_mm of `near`, by edges, arcs and rims of holes;
-    None if the images do not confirm it. Fit.matched counts edges. least_outline: fraction of the outline that must be
-    in place in each camera.
+    None if the images do not confirm it. Fit.matched counts edges. partly_hidden: something unknown, as fingers, may be
+    in front of it; otherwise the edges that show must hold the pose by themselves.
 
     Begins where stretches of edges lead; unless nearly all edges then lie in place, also where straight lines within
     reach do. The first goes wrong beside strong print, the second where a part has many short edges: the fit with more
     edges in place is taken.
     """
     aligned = aligned_to_edges(SolidBatch.of([shape]), images, near[None], TOLERANCE_MM)[0]
-    best = _confirmed_fit(shape, images, aligned, least_outline)
+    best = _confirmed_fit(shape, images, aligned, partly_hidden)
     if best is None or best[1] < IN_PLACE:
         found = locate_by_edges(shape, images, near, reach_mm)
-        other = None if found is None else _confirmed_fit(shape, images, found.pose, least_outline)
+        other = None if found is None else _confirmed_fit(shape, images, found.pose, partly_hidden)
         best = max((each for each in (best, other) if each is not None), key=lambda each: each[1], default=None)
     return None if best is None else best[0]
 
@@ -248,7 +249,7 @@ def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, rea
 
 
 def _confirmed_fit(
-    shape: Polyhedron, images: StereoImages, start: Array, least_outline: float
+    shape: Polyhedron, images: StereoImages, start: Array, partly_hidden: bool
 ) -> tuple[Fit, float] | None:
     """The fit from a pose (4, 4), and the fraction of edge length in place; None if too little of the edges shows, or
     they are too faint to be a part's."""
@@ -257,8 +258,9 @@ def _confirmed_fit(
         return None
     fit, observed = refine_from_pose(shape, images, start, TOLERANCE_MM, samples)
     clear = [_clear_edges(seen, view) for seen, view in zip(observed, images.views, strict=True)]
-    outline = min(_outline_fraction(seen.edges, seen.on_place & seen.edges.sharp) for seen in observed)
-    if not fit.matched or outline < least_outline or _fraction_of_length(observed, clear) < LEAST_CLEAR:
+    if not fit.matched or _fraction_of_length(observed, clear) < LEAST_CLEAR:
+        return None
+    if not partly_hidden and not _hold_pose(observed):
         return None
     return fit, _fraction_of_length(observed, [seen.on_place for seen in observed])
 
@@ -274,7 +276,7 @@ def clear_edge_fraction(shape: Polyhedron, images: StereoImages, near: Array, re
     """Return how surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its
     edges, 0 where too few of them show on their place."""
     found = locate_by_edges(shape, images, near, reach_mm)
-    return 0.0 if found is None or not _is_supported(found) else _clear_fraction(found, images)
+    return 0.0 if found is None or not _hold_pose(found.observed) else _clear_fraction(found, images)
 
 
 def vanished_edge_fraction(
@@ -284,7 +286,7 @@ def vanished_edge_fraction(
     longer: the share of its edges that were clear before and are not after; 0 where too few of them showed on their
     place before."""
     found = locate_by_edges(shape, before, near, reach_mm)
-    if found is None or not _is_supported(found):
+    if found is None or not _hold_pose(found.observed):
         return 0.0
     now = measure_edges([seen.edges for seen in found.observed], after)
     then, still = (
@@ -370,12 +372,9 @@ def _search_edges(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> E
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), doubt, there)
 
 
-def solved_motion(
-    observed: Sequence[EdgeObservation], pose: Array, near: Array, reach_mm: float
-) -> tuple[Array, Array]:
+def solved_motion(observed: Sequence[EdgeObservation], pose: Array, near: Array, reach_mm: float) -> Array:
     """The motion (6,) that brings a pose onto the edges of both cameras, not much more than the reach from where it was
-    thought to be: what no edge says, as the turn of a disc, stays as near; and the information (6, 6) of those that
-    agree."""
+    thought to be: what no edge says, as the turn of a disc, stays as near."""
     off, jacobian, doubt, usable = (
         np.concatenate(each)
         for each in zip(*((o.off, o.edges.jacobian, o.doubt, o.there & o.edges.sharp) for o in observed), strict=True)
@@ -383,8 +382,7 @@ def solved_motion(
     prior, whiten = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3), whitener(doubt)
     rows, far = (whiten @ jacobian)[None], (whiten @ off[..., None])[None, ..., 0]
     towards = prior @ frames.difference(near, pose)
-    found = solve(rows, far, usable[None].astype(float), prior, towards, passes=PASSES)
-    return found.unknowns[0], found.information[0]
+    return np.asarray(solve(rows, far, usable[None].astype(float), prior, towards, passes=PASSES).unknowns[0])
 
 
 def _fraction_of_length(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from daemon import frames
-from daemon.arm import guard, motion, plausible
+from daemon.arm import guard, motion, plausible, sweep
 from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
-from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.arm.permission import Grant, Refusal
 from daemon.config import load_config
@@ -40,7 +40,7 @@ def command(pose=None, speed=50.0, look=99.0):
 
 
 def met(rule):
-    return ArmState(None, AT, 100.0, (PathViolation(rule, "on the way"),))
+    return ArmState(None, AT, 100.0, (Refusal(rule, "on the way"),))
 
 
 BROKEN = [
@@ -78,6 +78,17 @@ def test_each_rule_refuses_by_its_name(rule, bad, standing):
 
 def test_every_rule_of_the_table_is_shown_refusing():
     assert {name for name, *_ in BROKEN} == {name for name, _ in guard.RULES}
+
+
+def test_a_reason_that_no_rule_is_named_for_refuses_as_well():
+    unheard_of = Refusal("unheard_of", "a rule of a later release")
+    assert refuse(command(), replace(STANDING, not_permitted=unheard_of), LIMITS) == unheard_of
+    assert refuse(command(), replace(STANDING, violations=(unheard_of,)), LIMITS) == unheard_of
+
+
+def test_without_permission_nothing_else_is_named():
+    withheld = Refusal("not_enabled", "disabled")
+    assert refuse(command(speed=0.0), ArmState(withheld, None, 100.0), LIMITS) == withheld
 
 
 def test_a_sound_command_goes():
@@ -305,12 +316,25 @@ def test_no_byte_that_moves_the_arm_leaves_while_a_rule_is_broken():
 @pytest.mark.long
 @pytest.mark.parametrize("left_out", [name for name, _ in guard.RULES if name != "not_a_location"])
 def test_the_property_notices_when_a_rule_is_taken_away(left_out, monkeypatch):
-    fewer = tuple((name, rule) for name, rule in guard.RULES if name != left_out)
-    monkeypatch.setattr(guard, "RULES", fewer)
+    monkeypatch.setattr(sweep, "refuse", _all_but(left_out))
+    monkeypatch.setattr(guard, "RULES", tuple(each for each in guard.RULES if each[0] != left_out))
     if left_out == "arm_lost":
         monkeypatch.setattr(motion.Mover, "go", _go_without_place)
     with pytest.raises((AssertionError, BaseExceptionGroup)):
         run_state_machine_as_test(GuardedMotion, settings=SEARCHING)
+
+
+def _all_but(left_out):
+    """The guard without a rule, whoever checks it."""
+
+    def refuse_by_others(told, state, limits):
+        permitted = state.not_permitted is None or state.not_permitted.rule == left_out
+        others = tuple(broken for broken in state.violations if broken.rule != left_out)
+        return refuse(
+            told, replace(state, not_permitted=None if permitted else state.not_permitted, violations=others), limits
+        )
+
+    return refuse_by_others
 
 
 async def _go_without_place(self, told):

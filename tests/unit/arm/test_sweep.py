@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arm import sweep
 from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, body_of
-from daemon.arm.guard import ArmState, Limits, MoveCommand, PathViolation, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.permission import Refusal
 from daemon.arm.sweep import SLACK_MM, gaps_of, lever_arms_mm, path_of, path_refusal
 from daemon.pick.two_fingers import tool_rotation
@@ -79,7 +79,7 @@ def goes_no_farther_than_bounded(some):
     joints = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
     way = path_of(some.start, some.command, joints, ROBOT, body)
     shares, fine = np.linspace(0, 1, 41), np.linspace(0, 1, 401)
-    if isinstance(way, PathViolation):
+    if isinstance(way, Refusal):
         return None
     links = way.links(fine)
     if not np.isfinite(links).all():
@@ -145,7 +145,7 @@ def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_mor
         (travel(hand(835, -150, -130), hand(665, -150, -130)), 2),
     ):
         asked_for.clear()
-        assert not isinstance(path_of(some.start, some.command, None, robot, body), PathViolation)
+        assert not isinstance(path_of(some.start, some.command, None, robot, body), Refusal)
         assert len(asked_for) == count
 
 
@@ -164,7 +164,7 @@ def test_a_line_so_near_to_the_stretched_arm_that_it_would_be_asked_for_in_more_
     robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     found = path_of(Reading(pose, joints), command, None, robot, body)
-    assert isinstance(found, PathViolation)
+    assert isinstance(found, Refusal)
     assert found.rule == "no_way"
     assert "near to a singular position" in found.text
     assert sum(asked_for) < 100
@@ -284,11 +284,11 @@ def test_a_joint_s_way_is_looked_at_every_25_mm_of_what_goes_farthest_to_begin_w
 
 def test_an_arm_too_far_stretched_out_to_know_its_elbow_s_way_is_refused():
     refused = bounded((hand(862, -150, -130), hand(800, -150, -130)))
-    assert isinstance(refused, PathViolation)
+    assert isinstance(refused, Refusal)
     assert refused.rule == "no_way"
     assert refused.text == "after 0 % of the way the arm is stretched too far to predict the path of its elbow"
     hand_only = tuple(capsule for capsule in LIMITS.capsules if capsule.link in ("wrist", "tool"))
-    assert not isinstance(bounded((hand(862, -150, -130), hand(800, -150, -130)), hand_only), PathViolation)
+    assert not isinstance(bounded((hand(862, -150, -130), hand(800, -150, -130)), hand_only), Refusal)
 
 
 def test_a_line_begins_where_the_arm_is_whatever_way_the_robot_would_have_it_stand_there():
@@ -490,7 +490,7 @@ def test_a_way_is_looked_at_in_as_many_places_as_are_the_most_and_in_no_more(mon
         joints = ROBOT.reachable(way.command.world_from_tool, way.start.joints_rad)
         body = body_of(way.limits.capsules, way.limits.body_mm)
         found = path_of(way.start, way.command, joints, ROBOT, body)
-        assert (found.rule if isinstance(found, PathViolation) else None) == told
+        assert (found.rule if isinstance(found, Refusal) else None) == told
 
 
 @pytest.mark.parametrize(("back", "rules"), [(5.0, ["kept_out"]), (-20.0, [])])
@@ -711,7 +711,7 @@ def test_an_arm_that_does_not_get_to_where_it_is_looked_at_more_closely_is_refus
     ends = [(400.0, LEAST_MM + 1.0)] * 2
     assert struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 2.9])) == ()
     (violation,) = struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 3.1], lost=True))
-    assert violation == PathViolation("no_way", "after 50 % of the way the arm cannot follow in its configuration")
+    assert violation == Refusal("no_way", "after 50 % of the way the arm cannot follow in its configuration")
 
 
 def test_what_is_inside_a_limit_is_held_against_the_least_depth_seen_as_long_as_anything_is_looked_at():

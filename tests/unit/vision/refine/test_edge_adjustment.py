@@ -33,7 +33,7 @@ def test_a_part_a_little_larger_or_smaller_than_taught_is_not_taken_for_a_nearer
     middle = CUBE.corners_mm.mean(axis=0)
     _, located, found = fitted(middle + larger * (CUBE.corners_mm - middle))
     there = frames.apply(WHERE, middle)
-    each_for_itself = frames.perturb(located.pose, solved_motion(located.observed, located.pose, located.pose, 3.0)[0])
+    each_for_itself = frames.perturb(located.pose, solved_motion(located.observed, located.pose, located.pose, 3.0))
     assert abs(frames.apply(found.pose, middle)[2] - there[2]) < 0.6
     assert abs(frames.apply(each_for_itself, middle)[2] - there[2]) > 1.0
 

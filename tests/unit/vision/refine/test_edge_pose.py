@@ -117,6 +117,17 @@ def test_a_part_is_settled_where_it_is_though_it_was_thought_to_be_beside(label,
     assert error_deg < 0.2
 
 
+@pytest.mark.parametrize("partly_hidden", [False, True])
+def test_a_bar_whose_ends_are_out_of_view_is_not_found_by_edges_that_let_it_slide(partly_hidden):
+    bar, rng = prism([(0, 0), (30, 0), (30, 20), (0, 20)], 600.0), np.random.default_rng(2)
+    shape = exact(bar[0] - bar[0].mean(axis=0), bar[1])
+    across, tilted = (frames.rotation_from_vector(np.array(turn)) for turn in ([0.0, np.pi / 2, 0.0], [0.5, 0.0, 0.0]))
+    where = frames.rigid(tilted @ across, np.array([0.0, 0.0, 300.0]))
+    images = open_stereo(*paint_pair([(shape, where)], rng), rig())
+    fit = fit_by_edges(shape, images, frames.perturb(where, A_LITTLE), 5.0, partly_hidden)
+    assert (fit is not None) == partly_hidden
+
+
 def test_nothing_and_another_part_are_not_settled():
     rng, where = np.random.default_rng(4), pose(np.array(VIEWS[0]), 0.3, 300.0)
     for lying in ([], [(KNOWN["pyramid"], where)]):
