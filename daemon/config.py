@@ -11,9 +11,8 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from daemon.arm import ARM, BODY_MM
+from daemon.pick.grippers import SuctionCup, TwoFingers
 from daemon.pick.settings import Settings
-from daemon.pick.suction import SuctionCup
-from daemon.pick.two_fingers import TwoFingers
 from daemon.quantities import Coordinate, Name
 from daemon.signals.settings import VALVES, ModbusSettings, SignalSettings, check_signals
 from daemon.store import folders

@@ -24,7 +24,8 @@ from daemon.cell.sections import guarded
 from daemon.compute.calls import Compute
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
-from daemon.pick.place_goals import PlaceTable, fixture_boxes
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning import fixture_boxes
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.store.place_status import PlaceStatuses

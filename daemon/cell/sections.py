@@ -31,8 +31,7 @@ from daemon.calibration.plausible import implausible_rig
 from daemon.cell.backends import backend_of
 from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, Matrix4
-from daemon.pick.suction import SuctionCup
-from daemon.pick.two_fingers import TwoFingers
+from daemon.pick.grippers import SuctionCup, TwoFingers
 from daemon.store.yamlfile import ConfigError, Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting

@@ -150,7 +150,7 @@ def _train(args: argparse.Namespace) -> int:
 
 def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises FacetdError."""
-    from daemon.pick.two_fingers import TwoFingers
+    from daemon.pick.grippers import TwoFingers
     from daemon.store.outside import read_file
     from daemon.teaching.drawing_summary import describe_drawing
     from daemon.teaching.foreign_drawings import in_own_format

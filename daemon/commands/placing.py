@@ -11,10 +11,7 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
-from daemon.pick.place_goals import flattened, spot_of
-from daemon.pick.place_plan import SidePlan
-from daemon.pick.plan import stable_sides
-from daemon.pick.plan_picture import plan_picture
+from daemon.pick.planning import SidePlan, flattened, plan_picture, spot_of, stable_sides
 from daemon.pick.set_down import HeldHere
 from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError

@@ -1,4 +1,5 @@
-"""The pick: its states, what it knows of the table, how it plans, looks, follows and grasps.
+"""The pick: its states, what it has observed, the part that it follows, how it takes and sets down.
 
-Parts are named in daemon/vision/, the arm is moved through daemon/arm/; here it is decided what to do next.
+Recognition is daemon/vision/'s, every motion daemon/arm/'s. planning/ decides before anything moves, grippers/ has the
+kinds of gripper; the handlers here carry a plan out.
 """

@@ -8,10 +8,9 @@ from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
 from daemon.pick.following import NEAR_MM, Target, beside, expected_at, fitted, others, sighted
 from daemon.pick.looks import whole_look
-from daemon.pick.plan import same_grasp
+from daemon.pick.planning import enough, next_stand_off, same_grasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
-from daemon.pick.stand_offs import enough, next_stand_off
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,

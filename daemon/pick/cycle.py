@@ -41,8 +41,8 @@ from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Report, walk_round
 from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
-from daemon.pick.place_goals import Goal, PlaceTable
-from daemon.pick.place_plan import SidePlan, plan_from_side
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning import Goal, SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows

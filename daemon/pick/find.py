@@ -15,25 +15,28 @@ from daemon.pick import pose_fusion
 from daemon.pick.following import Target, beside
 from daemon.pick.fused_objects import outlines_of
 from daemon.pick.looks import Look
-from daemon.pick.next_view import (
+from daemon.pick.outcome import PickResult
+from daemon.pick.planning import (
+    MOST_GRASPS,
+    Destination,
     Gain,
+    NoPlan,
     PartHypothesis,
+    Plan,
     allowed,
+    deviation,
     distinct_hypotheses,
     freshest,
+    hypotheses_in_words,
     hypotheses_of,
-    in_words,
     next_best,
     places_round,
-    strange,
+    plan_to_place,
+    then_in_words,
+    untaught_hypothesis,
 )
-from daemon.pick.outcome import PickResult
-from daemon.pick.place_goals import deviation
-from daemon.pick.place_plan import plan_to_place, then_in_words
-from daemon.pick.plan import Destination, NoPlan, Plan
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
-from daemon.pick.regrasp import MOST_GRASPS
 from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
 from daemon.pick.set_down import look_at_unseen
 from daemon.pick.settings import Settings
@@ -332,7 +335,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         why = (
             "is the facet that blocks the grasp really there?"
             if part.named
-            else f"{in_words(before)}: {gain.bits:.2f} bits of information expected"
+            else f"{hypotheses_in_words(before)}: {gain.bits:.2f} bits of information expected"
         )
         context.decide(f"another view of {part.label}", why, DecisionCode.ANOTHER_VIEW, label=part.label)
         try:
@@ -406,7 +409,7 @@ def _next_views(
         before,
         poses,
         next_best(
-            before or (strange(part),),
+            before or (untaught_hypothesis(part),),
             rig,
             part.centre,
             np.array([mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]),
@@ -431,7 +434,9 @@ async def tell_gain(
         after, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
     x, y, _ = part.centre
     about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(open_bits, before, rig)
-    world.tell(context, InformationGain(about, in_words(before), after, bits_before, bits, gain.bits, gain.seconds))
+    world.tell(
+        context, InformationGain(about, hypotheses_in_words(before), after, bits_before, bits, gain.bits, gain.seconds)
+    )
 
 
 def _thought_of(
@@ -439,7 +444,7 @@ def _thought_of(
 ) -> tuple[str, float]:
     """What a part without a name may be, in words, and the bits that are open."""
     hypotheses = hypotheses_of(part, recogniser, table_z_mm)
-    return in_words(hypotheses), open_bits(hypotheses, rig)
+    return hypotheses_in_words(hypotheses), open_bits(hypotheses, rig)
 
 
 def open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:

@@ -13,10 +13,9 @@ from daemon import frames
 from daemon.arm import CameraMounting, CameraName, HeldPart, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
-from daemon.pick.gripper import Gripper
+from daemon.pick.grippers import Gripper
 from daemon.pick.looks import CapturedPair, Expected, Look
-from daemon.pick.place_goals import SetDown
-from daemon.pick.plan import Plan
+from daemon.pick.planning import Plan, SetDown
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, SolidBatch, StereoRig

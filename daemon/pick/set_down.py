@@ -35,13 +35,21 @@ from daemon.pick.following import (
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted
 from daemon.pick.looks import CapturedPair, Look
-from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult, not_looked_at
-from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
-from daemon.pick.place_plan import plan_anew, then_in_words
-from daemon.pick.plan import NoPlan
+from daemon.pick.planning import (
+    MOST_GRASPS,
+    Goal,
+    NoPlan,
+    PlaceDeviation,
+    allowed,
+    deviation,
+    freshest,
+    places_round,
+    plan_anew,
+    set_down_of,
+    then_in_words,
+)
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
-from daemon.pick.regrasp import MOST_GRASPS
 from daemon.pick.seen import same_place, seen_parts
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, reraise_if_all_refused, skip, travel

@@ -9,11 +9,9 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
+from daemon.pick.grippers import SuctionCup, TwoFingers, tool_rotation
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.stand_offs import StandOffs
-from daemon.pick.suction import SuctionCup
-from daemon.pick.two_fingers import TwoFingers, tool_rotation
-from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
+from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels, Turn
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,22 @@ class ToolPosition:
     def pose(self) -> Array:
         rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
         return frames.rigid(rotation, np.array(self.point_mm))
+
+
+@dataclass(frozen=True)
+class StandOffs:
+    """Where the approach stops to look, and when it has looked enough."""
+
+    stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
+    """Distances of the cameras from the part at which to stop and look, far to near, mm."""
+    enough_mm: Length = 1.0
+    """Predicted error at the grasp that is small enough, rms, mm."""
+    enough_deg: Turn = 1.0
+    """Predicted angular error at the grasp that is small enough, rms, degrees."""
+    least_looks: Few = 1
+    """Fewest looks before a grasp."""
+    most_looks: Few = 5
+    """Most looks at one part before it is left alone."""
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,10 @@ from daemon.pick.following import (
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted, wait_for_hold
 from daemon.pick.looks import CapturedPair, Look
 from daemon.pick.outcome import InGripper, PickResult, not_looked_at, released
-from daemon.pick.place_goals import Goal
-from daemon.pick.plan import last_stretch
+from daemon.pick.planning import Goal, beside_of, last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
-from daemon.pick.table_room import beside_of
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 

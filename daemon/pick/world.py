@@ -42,7 +42,8 @@ from daemon.pick.looks import (
     whole_look,
 )
 from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, tell
-from daemon.pick.place_goals import Goal, PlaceTable
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning import Goal
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings

@@ -159,7 +159,7 @@ class Place:
     file; world_from_frame (4, 4) mm: of its fixture; on_top_of: the place in the layer below.
 
     frame_from_part (4, 4) mm, or None where side_down, point_mm and heading_deg say it: that needs the part's shape
-    (daemon/pick/place_goals.py).
+    (daemon/pick/planning/place_goals.py).
     """
 
     name: str

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daemon.events.codes import DecisionCode
-from daemon.pick.place_goals import Goal, goal_of
+from daemon.pick.planning.place_goals import Goal, goal_of
 from daemon.store.place_file import Place, PlaceSettings
 from daemon.store.place_status import PlaceStatus
 from drivers.simcell.parts import TAUGHT

@@ -22,10 +22,10 @@ from daemon.arm.workcell import Workcell
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import CameraMount, Target, in_hand, left_hand
+from daemon.pick.grippers.two_fingers import tool_rotation
 from daemon.pick.looks import CapturedPair
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
-from daemon.pick.two_fingers import tool_rotation
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene

@@ -21,8 +21,8 @@ from daemon.arm.robot import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
-from daemon.pick.place_goals import PlaceTable
-from daemon.pick.place_plan import SidePlan
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
 from daemon.signals.packml import PackMLState

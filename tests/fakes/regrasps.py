@@ -13,9 +13,9 @@ from daemon import frames
 from daemon.arm import CameraMounting, Reach, paths
 from daemon.arrays import Array
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.place_goals import UPSIDE_DOWN, Goal, goal_of, ways_to
-from daemon.pick.plan import approach_poses, stable_sides
-from daemon.pick.regrasp import resting
+from daemon.pick.planning.place_goals import UPSIDE_DOWN, Goal, goal_of, ways_to
+from daemon.pick.planning.plan import approach_poses, stable_sides
+from daemon.pick.planning.regrasp import resting
 from daemon.pick.settings import Settings
 from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.store.place_status import PlaceState

@@ -13,8 +13,9 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.place_goals import Goal, PlaceTable
-from daemon.pick.plan import stable_sides
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_goals import Goal
+from daemon.pick.planning.plan import stable_sides
 from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.place_status import PlaceState, PlaceStatuses
 from daemon.teaching.solid_from_mesh import Drawing

@@ -77,10 +77,11 @@ def test_every_room_says_at_its_frontend_what_belongs_in_it() -> None:
 
 def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() -> None:
     drawing = (HOUSE / "docs" / "ARCHITECTURE.md").read_text().split("```")[1].strip().splitlines()
-    drawn = {"daemon": [], "daemon.vision": []}
+    drawn: dict[str, list[str]] = {"daemon": []}
     for line in drawing[: drawing.index(next(x for x in drawing if x.startswith("arrays"))) + 1]:
-        container = "daemon.vision" if line.startswith(" ") else "daemon"
-        drawn[container] += re.match(r" *((?:\w+  ?)+)", line)[1].split()  # type: ignore[index]
+        names = re.match(r" *((?:\w+ )*\w+)  ", line)[1].split()  # type: ignore[index]
+        container = f"daemon.{drawn['daemon'][-1]}" if line.startswith(" ") else "daemon"
+        drawn.setdefault(container, []).extend(names)
     contracts = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     floors = {
         c["containers"][0]: " ".join(c["layers"]).replace("|", " ").split() for c in contracts if c["type"] == "layers"

@@ -5,7 +5,7 @@ Twins: a block, the same with an edge cut off and with a step, of three sizes, n
 first looks that show something and name nothing count. Heaps: five of the four usual parts pushed together on the table
 until they touch. Each is looked at by `look around`, and from the survey views, where looks are told by themselves and
 fused. FOUND heaps are looked at from all round to count how many of the facets that show are found
-(daemon/pick/next_view.py, FOUND).
+(daemon/pick/planning/next_view.py, FOUND).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from daemon.arm.motion import NotSentError
 from daemon.arrays import Array
 from daemon.pick.fused_objects import known
 from daemon.pick.looks import Look
-from daemon.pick.next_view import places_round
+from daemon.pick.planning.next_view import places_round
 from daemon.pick.seen import ObservedPart, seen_parts
 from daemon.pick.settings import SurveyView
 from daemon.store.library import load_facets

@@ -57,7 +57,7 @@ ROOT = Path(__file__).resolve().parents[3]
 SAFETY = ("arm", "val2", "pick", "calibration")
 """Rooms whose every file is tried, and by the tests of the room alone (but for what the manual says of settings)."""
 FILES = (
-    *(str(path.relative_to(ROOT)) for room in SAFETY for path in sorted(ROOT.glob(f"d*/{room}/*.py"))),
+    *(str(path.relative_to(ROOT)) for room in SAFETY for path in sorted(ROOT.glob(f"d*/{room}/**/*.py"))),
     *(f"daemon/store/{name}.py" for name in (
         "outside", "recovery_state", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
     *(f"daemon/events/{name}.py" for name in ("records", "outcomes", "upgrade")),
@@ -267,9 +267,14 @@ def _replaced(body: list[ast.stmt], place: int, new: list[ast.stmt], kind: str, 
     return statement.lineno, kind, text, make, unmake
 
 
+def room_of(file: str) -> str:
+    """The room of a file: daemon/<room>/..., drivers/<room>/..."""
+    return Path(file).parts[1]
+
+
 def every(rooms: Container[str]) -> list[Mutation]:
     """All there are in some rooms."""
-    files = [file for file in FILES if Path(file).parent.name in rooms]
+    files = [file for file in FILES if room_of(file) in rooms]
     return list({m.source: m for file in files for m in mutations(file)}.values())
 
 
@@ -300,7 +305,7 @@ def named() -> list[tuple[Mutation, str]]:
 
 def own_tests(file: str) -> list[str]:
     """The tests of a file by layout: tests/unit/<room>/test_<file>*.py."""
-    room, name = Path(file).parent.name, Path(file).stem
+    room, name = room_of(file), Path(file).stem
     return sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests/unit" / room).glob(f"test_{name}*.py"))
 
 
@@ -699,7 +704,7 @@ def report(found: Sequence[Found], seconds: float) -> None:
 
 def _those_of(mutation: Mutation) -> list[str]:
     """All tests that may notice it, the file's own first."""
-    return [*own_tests(mutation.file), *WHOLE[Path(mutation.file).parent.name]]
+    return [*own_tests(mutation.file), *WHOLE[room_of(mutation.file)]]
 
 
 def main() -> None:

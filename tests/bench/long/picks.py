@@ -30,8 +30,7 @@ from daemon.calibration.file import Calibration
 from daemon.cell.pick_cell import doubt_of
 from daemon.cli.demo import PARTS
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.settings import Settings
-from daemon.pick.stand_offs import StandOffs
+from daemon.pick.settings import Settings, StandOffs
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
 from tests.fakes import simulated_cell

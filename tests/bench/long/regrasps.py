@@ -17,8 +17,8 @@ from collections import Counter
 
 import numpy as np
 
-from daemon.pick.plan import Destination, NoPlan
-from daemon.pick.regrasp import Regrasping
+from daemon.pick.planning.plan import Destination, NoPlan
+from daemon.pick.planning.regrasp import Regrasping
 from daemon.store.place_status import PlaceStatus
 from tests.fakes.regrasps import TurnedOver, goal_on, pairs_by_brute_force, sides_of, start_on, turned_over
 from tests.fakes.set_downs import PARTS, model, shape_of

@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from daemon import frames
-from daemon.pick.place_goals import Goal, PlaceTable, goal_of
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_goals import Goal, goal_of
 from daemon.store.place_file import FILE, Place, PlaceSettings, load_places
 from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from drivers.simcell.parts import TAUGHT, part_shape

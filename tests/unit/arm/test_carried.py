@@ -16,7 +16,7 @@ from daemon.arm.body import CarriedCapsule, FixtureBox, KeepOut, away_mm, carrie
 from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand_above_mm
 from daemon.arm.motion import Arrival, Mover
 from daemon.arm.sweep import path_refusal
-from daemon.pick.two_fingers import tool_rotation
+from daemon.pick.grippers.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import World, build, permitted
 from tests.fakes.swept import ARM, ROBOT

@@ -18,7 +18,7 @@ from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.arm.permission import Grant, Refusal
 from daemon.config import load_config
-from daemon.pick.two_fingers import tool_rotation
+from daemon.pick.grippers.two_fingers import tool_rotation
 from drivers import puma560
 from drivers.pumas import PUBLISHED
 from drivers.simcell.truth import load_truth

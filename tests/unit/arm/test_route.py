@@ -16,7 +16,7 @@ from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.permission import MotionPermission, Refusal
 from daemon.arm.route import plan_path
 from daemon.arm.workcell import Workcell
-from daemon.pick.two_fingers import tool_rotation
+from daemon.pick.grippers.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import permitted
 from tests.fakes.swept import ARM, ROBOT, Travel, truth_of

@@ -15,7 +15,7 @@ from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.permission import Refusal
 from daemon.arm.sweep import SLACK_MM, gaps_of, lever_arms_mm, path_of, path_refusal
-from daemon.pick.two_fingers import tool_rotation
+from daemon.pick.grippers.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.chosen import few
 from tests.fakes.swept import ARM, ROBOT, Travel, random_travel, truth_of

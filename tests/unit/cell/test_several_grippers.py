@@ -15,8 +15,8 @@ from daemon.cell import sections
 from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, gripper_unknown, load_config
 from daemon.events.outcomes import Outcome
+from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.suction import SuctionCup
 from daemon.store.mounted_gripper import MountedGripper, keep_mounted
 from daemon.store.yamlfile import ConfigError
 from tests.fakes.simulated_cell import rig

@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.cli import demo_kit
 from daemon.cli.demo import PARTS
 from daemon.events.records import Record
-from daemon.pick.place_goals import fixture_boxes, goal_of
+from daemon.pick.planning.place_goals import fixture_boxes, goal_of
 from daemon.store import folders
 from daemon.store.place_file import load_places
 from drivers.simcell.parts import part_shape

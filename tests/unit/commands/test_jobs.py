@@ -11,7 +11,7 @@ import pytest
 from daemon.commands import every_command
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.pick.place_goals import PlaceTable
+from daemon.pick.place_table import PlaceTable
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
 

@@ -14,8 +14,8 @@ import pytest
 from daemon import frames
 from daemon.commands import every_command, placing
 from daemon.console.interpreter import CommandResult, Interpreter
-from daemon.pick.place_goals import PlaceTable
-from daemon.pick.place_plan import PlannedMotion, SidePlan
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_plan import PlannedMotion, SidePlan
 from daemon.pick.settings import Settings
 from daemon.store.place_file import FILE, PatternEntry, PlaceEntry, load_places, with_place, write_places
 from daemon.store.place_status import PlaceStatus, PlaceStatuses

@@ -15,7 +15,7 @@ from daemon.events.outcomes import Outcome
 from daemon.pick import find
 from daemon.pick.find import MOST_OLD
 from daemon.pick.outcome import PickResult
-from daemon.pick.plan import NoPlan
+from daemon.pick.planning.plan import NoPlan
 from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError

@@ -16,8 +16,7 @@ from daemon.pick import pose_fusion
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import sighted
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.settings import Settings
-from daemon.pick.stand_offs import StandOffs
+from daemon.pick.settings import Settings, StandOffs
 from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import HEAD_DOWN, TruthRecogniser, World, cycle_of, one_part, rig
 

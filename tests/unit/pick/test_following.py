@@ -27,9 +27,9 @@ from daemon.pick.following import (
     least_error,
     left_hand,
 )
+from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.looks import CapturedPair
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
-from daemon.pick.suction import SuctionCup
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact, moved_rig
 from daemon.vision.refine import Fit

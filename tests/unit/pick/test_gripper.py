@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.pick.gripper import Gripper, HeldAbout, PlannedGrasp
-from daemon.pick.suction import CupGrasp, SuctionCup
-from daemon.pick.two_fingers import SLIPS_DEG, FingerGrasp, TwoFingers
+from daemon.pick.grippers.gripper import Gripper, HeldAbout, PlannedGrasp
+from daemon.pick.grippers.suction import CupGrasp, SuctionCup
+from daemon.pick.grippers.two_fingers import SLIPS_DEG, FingerGrasp, TwoFingers
 
 FINGERS = TwoFingers(opening_mm=90.0, finger_width_mm=16.0, finger_thick_mm=7.0, pad_back_mm=40.0, tip_mm=12.0)
 CUP = SuctionCup(cup_radius_mm=9.0, cup_length_mm=55.0, dwell_s=0.4, blow_off_s=0.1)

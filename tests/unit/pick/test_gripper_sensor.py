@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from daemon.pick.gripper_sensor import MORE_DWELLS, contradiction
+from daemon.pick.grippers.suction import SuctionCup
+from daemon.pick.grippers.two_fingers import TwoFingers
 from daemon.pick.settings import Settings
-from daemon.pick.suction import SuctionCup
-from daemon.pick.two_fingers import TwoFingers
 from daemon.store.place_status import PlaceStatus
 from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.unit.pick.test_set_down import Story, measured  # noqa: F401

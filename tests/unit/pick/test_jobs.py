@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.pick.place_goals import PlaceTable
+from daemon.pick.place_table import PlaceTable
 from daemon.store.place_file import CellPlaces
 from daemon.store.place_status import PlaceStatus, PlaceStatuses
 from daemon.store.recovery_state import RecoveryState, after

@@ -14,8 +14,8 @@ from daemon import frames
 from daemon.events.codes import CauseCode
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
-from daemon.pick.place_goals import PlaceTable
-from daemon.pick.plan import NoPlan
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.plan import NoPlan
 from daemon.pick.transitions import PickState
 from daemon.store.place_file import CellPlaces
 from daemon.store.place_status import PlaceStatus, PlaceStatuses
@@ -142,7 +142,7 @@ def test_what_no_three_grasps_can_do_is_said_before_anything_is_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     none = NoPlan(CauseCode.NO_WAY_TO_PLACE, "no sequence of up to 3 grasps can set it down")
-    monkeypatch.setattr("daemon.pick.regrasp.Regrasping.plan", lambda *_: none)
+    monkeypatch.setattr("daemon.pick.planning.regrasp.Regrasping.plan", lambda *_: none)
     story = Turned(tmp_path)
     end = story.pick()
     assert (end.outcome, end.why) == ("unreachable", f"cube: {none.why}")

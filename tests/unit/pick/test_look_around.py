@@ -104,7 +104,7 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
         return function(*arguments)
 
     monkeypatch.setattr(find, "open_bits", lambda *_: 1.5)
-    monkeypatch.setattr(find, "in_words", lambda _: "what it was taken for")
+    monkeypatch.setattr(find, "hypotheses_in_words", lambda _: "what it was taken for")
     monkeypatch.setattr(find, "_thought_of", lambda *_: ("what it may be", 0.7))
     gained: list[InformationGain] = []
     world: Any = SimpleNamespace(found=[lies(*one) for one in found], tell=lambda _, one: gained.append(one))

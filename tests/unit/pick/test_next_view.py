@@ -14,7 +14,7 @@ from scipy.special import chdtri
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import find
-from daemon.pick.next_view import (
+from daemon.pick.planning.next_view import (
     CLOSE_MM,
     IN_TABLE_MM,
     UNLIKE,
@@ -24,8 +24,8 @@ from daemon.pick.next_view import (
     entropy,
     expected_entropy,
     freshest,
+    hypotheses_in_words,
     hypotheses_of,
-    in_words,
     missed,
     next_best,
     places_round,
@@ -220,7 +220,7 @@ def test_places_look_at_the_point_from_all_round() -> None:
 def test_what_it_may_be_is_told_by_label_the_likeliest_first() -> None:
     some = [hypothesis("a", block(), turned(0), 0.1), hypothesis("b", block(), turned(0), 0.5)]
     some += [hypothesis("a", block(), turned(1), 0.2), stranger(block(), turned(0), 0.2)]
-    assert in_words(some) == "b 50 %, a 30 %, not taught 20 %"
+    assert hypotheses_in_words(some) == "b 50 %, a 30 %, not taught 20 %"
 
 
 class Standing:

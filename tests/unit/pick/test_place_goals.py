@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.pick.place_goals import (
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_goals import (
     PartPlaceError,
-    PlaceTable,
     deviation,
     fixture_boxes,
     flattened,

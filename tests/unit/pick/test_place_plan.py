@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from daemon.pick.place_goals import goal_of
-from daemon.pick.place_plan import HEADINGS_DEG, plan_from_side
+from daemon.pick.planning.place_goals import goal_of
+from daemon.pick.planning.place_plan import HEADINGS_DEG, plan_from_side
 from daemon.pick.settings import Settings
 from daemon.store.place_file import Place, PlaceSettings
 from tests.fakes.fake_cell import ON_HAND, rig, shape_of

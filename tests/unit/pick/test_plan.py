@@ -8,11 +8,11 @@ import pytest
 
 from daemon import frames
 from daemon.events.codes import CauseCode
-from daemon.pick import plan as planning
-from daemon.pick import viewpoints
-from daemon.pick.plan import Destination, NoPlan, last_stretch, plan_part, same_grasp, stable_sides
+from daemon.pick.grippers.two_fingers import in_the_way
+from daemon.pick.planning import plan as planning
+from daemon.pick.planning import viewpoints
+from daemon.pick.planning.plan import Destination, NoPlan, last_stretch, plan_part, same_grasp, stable_sides
 from daemon.pick.settings import Settings
-from daemon.pick.two_fingers import in_the_way
 from daemon.store import folders
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import read_drawing

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm import OnHand
 from daemon.pick import pose_fusion
+from daemon.pick.grippers.two_fingers import tool_rotation
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
-from daemon.pick.two_fingers import tool_rotation
 from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN
 
 DOUBT = Doubt()

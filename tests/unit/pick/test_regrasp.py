@@ -9,13 +9,13 @@ import pytest
 
 from daemon import frames
 from daemon.arm import Reach
-from daemon.pick import regrasp
-from daemon.pick.place_goals import TABLE, goes_through, looks_round
-from daemon.pick.plan import Destination, NoPlan, approach_poses, stable_sides
-from daemon.pick.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
+from daemon.pick.grippers.suction import SuctionCup
+from daemon.pick.planning import regrasp
+from daemon.pick.planning.place_goals import TABLE, goes_through, looks_round
+from daemon.pick.planning.plan import Destination, NoPlan, approach_poses, stable_sides
+from daemon.pick.planning.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
+from daemon.pick.planning.viewpoints import view_worth
 from daemon.pick.settings import Settings
-from daemon.pick.suction import SuctionCup
-from daemon.pick.viewpoints import view_worth
 from daemon.vision.geometry import exact
 from tests.bench import machined
 from tests.fakes.chosen import few

@@ -24,7 +24,8 @@ from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import HeldPose
 from daemon.pick.looks import Look
-from daemon.pick.place_goals import Goal, PlaceTable, goal_of
+from daemon.pick.place_table import PlaceTable
+from daemon.pick.planning.place_goals import Goal, goal_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings

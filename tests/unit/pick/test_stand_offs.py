@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from daemon.pick.planning.stand_offs import enough, next_stand_off
 from daemon.pick.pose_fusion import fuse
-from daemon.pick.stand_offs import StandOffs, enough, next_stand_off
+from daemon.pick.settings import StandOffs
 from tests.unit.pick.test_pose_fusion import DOUBT, looked
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.suction import CupGrasp, SuctionCup, rooms_on, turned, upward, weight_and_middle
+from daemon.pick.grippers.suction import CupGrasp, SuctionCup, rooms_on, turned, upward, weight_and_middle
 from daemon.vision.geometry import Hole, exact
 from tests.fakes.drawn import prism
 from tests.fakes.fake_cell import shape_of

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import KeepOut, two_fingers
+from daemon.pick.grippers.two_fingers import tool_rotation
+from daemon.pick.planning.table_room import BESIDE_MM, BIN_MM, SPOTS_OUT_MM, Beside, beside_of, free_spots
 from daemon.pick.settings import Settings
-from daemon.pick.table_room import BESIDE_MM, BIN_MM, SPOTS_OUT_MM, Beside, beside_of, free_spots
-from daemon.pick.two_fingers import tool_rotation
 
 TABLE_MM = -300.0
 CENTRE = np.array([520.0, 0.0])

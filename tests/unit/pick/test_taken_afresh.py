@@ -13,9 +13,9 @@ import pytest
 
 from daemon import frames
 from daemon.arm.motion import MovedByOthersError
+from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.pose_fusion import disagreement
 from daemon.pick.settings import Settings
-from daemon.pick.suction import SuctionCup
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import PickContext, SuspectError, WorldModel, travel
 from tests.fakes.fake_cell import World, cycle_of, one_part

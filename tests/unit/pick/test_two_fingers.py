@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick import two_fingers
-from daemon.pick.two_fingers import (
+from daemon.pick.grippers import two_fingers
+from daemon.pick.grippers.two_fingers import (
     FingerGrasp,
     TwoFingers,
     centre_of_mass,

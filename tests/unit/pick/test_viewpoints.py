@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick import viewpoints
-from daemon.pick.two_fingers import tool_rotation
+from daemon.pick.grippers.two_fingers import tool_rotation
+from daemon.pick.planning import viewpoints
 from tests.fakes.fake_cell import shape_of
 
 TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))

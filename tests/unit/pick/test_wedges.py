@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daemon.pick.two_fingers import closing_directions, hull
+from daemon.pick.grippers.two_fingers import closing_directions, hull
 
 SLANT = np.arctan2(8.0, 60.0)
 """Of either face against the middle: a finger that lies on one is off the other by twice that."""

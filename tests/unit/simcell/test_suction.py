@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.suction import SuctionCup
+from daemon.pick.grippers.suction import SuctionCup
 from daemon.store import folders
 from daemon.vision.geometry import exact
 from drivers.simcell.parts import TAUGHT, part_shape

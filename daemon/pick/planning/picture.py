@@ -8,7 +8,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm import HandBody
 from daemon.arrays import Array
-from daemon.pick.place_plan import SidePlan
+from daemon.pick.planning.place_plan import SidePlan
 from daemon.vision.geometry import Polyhedron
 
 CELL_PX, HEAD_PX, FLOOR = 190, 26, 0.8

@@ -5,10 +5,9 @@ set_down.py's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
-from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -17,10 +16,10 @@ import numpy as np
 from daemon import frames
 from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, paths
 from daemon.arrays import Array
+from daemon.pick.planning.viewpoints import Reachable
 from daemon.pick.settings import Settings, SurveyView
-from daemon.pick.viewpoints import Reachable
-from daemon.store.place_file import CellPlaces, Fixture, Place, PlaceSettings, about_vertical, pattern_of
-from daemon.store.place_status import FILLABLE, UNSEEN, PlaceSpot, PlaceStatus, PlaceStatuses
+from daemon.store.place_file import Fixture, Place, PlaceSettings, about_vertical, pattern_of
+from daemon.store.place_status import PlaceSpot
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Axis, axis_of_revolution, turns_onto_themselves
 
@@ -301,72 +300,3 @@ def deviation(goal: Goal, world_from_part: Array) -> PlaceDeviation:
     away = corners.mean(axis=0) - frames.apply(nearest, goal.shape.corners_mm).mean(axis=0)
     turned = float(np.degrees(frames.angle_between(nearest, world_from_part)))
     return PlaceDeviation(float(np.linalg.norm(away[:2])), turned, float(away[2]))
-
-
-@dataclass(eq=False)
-class PlaceTable:
-    """The places of a cell with their status: where a part goes, and what became of it.
-
-    goals: of the places whose part is known, by name; unusable: why each of the others has none. Both are renewed with
-    the model.
-    """
-
-    places: CellPlaces = field(default_factory=CellPlaces)
-    statuses: PlaceStatuses = field(default_factory=lambda: PlaceStatuses(Path()))
-    goals: Mapping[str, Goal] = field(default_factory=dict)
-    unusable: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def labels(self) -> set[str]:
-        """The parts that have places."""
-        return {place.part for place in self.places.places}
-
-    def status(self, name: str) -> PlaceStatus:
-        """The status of a place. Raises FileError."""
-        return self.statuses.of(name).status
-
-    def know(self, shapes: Mapping[str, Polyhedron]) -> None:
-        """Take the shapes of the parts."""
-        goals, unusable = {}, {}
-        for place in self.places.places:
-            shape = shapes.get(place.part)
-            try:
-                if shape is None:
-                    raise PartPlaceError(f"no part {place.part} is taught")
-                goals[place.name] = goal_of(place, shape)
-            except PartPlaceError as error:
-                unusable[place.name] = str(error)
-        tight = too_tight(goals)
-        self.goals = {name: goal for name, goal in goals.items() if name not in tight}
-        self.unusable = unusable | tight
-        self.statuses.know({name: goal.spot for name, goal in goals.items()})
-
-    def has(self, label: str) -> bool:
-        """Whether parts of this label go to places, and not to the bin."""
-        return label in self.labels
-
-    def free(self, label: str, name: str | None = None) -> list[Goal]:
-        """Goals that a part may be brought to, in the order in which they are filled; name: only this place, or those
-        of this pattern. Raises FileError."""
-        return [
-            self.goals[place.name]
-            for place in self.places.of(label, name)
-            if place.name in self.goals
-            and self.status(place.name) in FILLABLE
-            and (place.on_top_of is None or self.status(place.on_top_of) is PlaceStatus.RIGHT)
-        ]
-
-    def taken(self) -> list[Goal]:
-        """Goals at which something lies, or may lie. Raises FileError."""
-        return [goal for name, goal in self.goals.items() if self.status(name) not in FILLABLE]
-
-    def unseen(self) -> list[Goal]:
-        """Goals that are to be looked at first: a pick that was cut off has left them, or they have moved. Raises
-        FileError."""
-        return [goal for name, goal in self.goals.items() if self.status(name) in UNSEEN]
-
-    def moved(self) -> dict[str, str]:
-        """Why each place is to be looked at that has moved since its status was kept, or lies where something was left.
-        Raises FileError."""
-        states = {name: self.statuses.of(name) for name in self.goals}
-        return {name: state.why for name, state in states.items() if state.status is PlaceStatus.TO_LOOK_AT}

@@ -20,8 +20,8 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arm import PALM_MM, HandBody, suction_cup
 from daemon.arrays import Array
-from daemon.pick.gripper import Grasps, HeldAbout, PlannedGrasp
-from daemon.pick.two_fingers import NEAR_RAD, SWEPT_MM, centre_of_mass, felt, hull
+from daemon.pick.grippers.gripper import Grasps, HeldAbout, PlannedGrasp
+from daemon.pick.grippers.two_fingers import NEAR_RAD, SWEPT_MM, centre_of_mass, felt, hull
 from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry import Polyhedron, inside, off_segments
 

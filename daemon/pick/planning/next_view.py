@@ -16,7 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm import CameraMounting, Reach
 from daemon.arrays import Array
-from daemon.pick import viewpoints
+from daemon.pick.planning import viewpoints
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart
 from daemon.pick.settings import SurveyView
@@ -116,12 +116,12 @@ def hypotheses_of(
             break
     else:
         group, left = merge_vertices(part.facets), 1.0
-    here = strange(part, group, left)
+    here = untaught_hypothesis(part, group, left)
     whole = left + sum(h.probability for h in found)
     return tuple(replace(h, probability=h.probability / whole) for h in (*found, here))
 
 
-def strange(part: ObservedPart, group: Group | None = None, probability: float = 1.0) -> PartHypothesis:
+def untaught_hypothesis(part: ObservedPart, group: Group | None = None, probability: float = 1.0) -> PartHypothesis:
     """The hypothesis that a part, or a group of its facets, was not taught."""
     seen = (group or merge_vertices(part.facets)).polyhedron
     every = tuple(range(len(seen.facets)))
@@ -133,7 +133,7 @@ def _above(h: PartHypothesis, table_z_mm: float) -> bool:
     return bool(frames.apply(h.world_from_part, h.solid.corners_mm)[:, 2].min() > table_z_mm - IN_TABLE_MM)
 
 
-def in_words(hypotheses: Sequence[PartHypothesis]) -> str:
+def hypotheses_in_words(hypotheses: Sequence[PartHypothesis]) -> str:
     """`cube 62 %, pyramid 30 %, not taught 8 %`: by label, the likeliest first, what was not taught last."""
     shares: dict[str, float] = {}
     for h in hypotheses:

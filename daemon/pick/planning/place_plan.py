@@ -8,12 +8,12 @@ from daemon.arm import CameraMounting, Reach
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick.looks import Look
-from daemon.pick.place_goals import TABLE, UPSIDE_DOWN, Goal
-from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
-from daemon.pick.regrasp import MOST_GRASPS, Regrasping, RegraspStep
+from daemon.pick.planning.place_goals import TABLE, UPSIDE_DOWN, Goal
+from daemon.pick.planning.plan import Destination, NoPlan, Plan, plan_part
+from daemon.pick.planning.regrasp import MOST_GRASPS, Regrasping, RegraspStep
+from daemon.pick.planning.viewpoints import Reachable
 from daemon.pick.seen import Facing
 from daemon.pick.settings import Settings
-from daemon.pick.viewpoints import Reachable
 from daemon.store.place_file import about_vertical
 from daemon.vision.geometry import Polyhedron, StereoRig
 

@@ -19,9 +19,9 @@ from daemon import frames
 from daemon.arm import CameraMounting, InWorld, hand_of, paths
 from daemon.arrays import Array, Flags, Index
 from daemon.events.codes import CauseCode
-from daemon.pick.gripper import Gripper, PlannedGrasp
+from daemon.pick.grippers import Gripper, PlannedGrasp, centre_of_mass, felt, hull
 from daemon.pick.looks import Look
-from daemon.pick.place_goals import (
+from daemon.pick.planning.place_goals import (
     NEARLY_FLAT_RAD,
     TABLE,
     UPSIDE_DOWN,
@@ -32,12 +32,19 @@ from daemon.pick.place_goals import (
     set_down_of,
     ways_to,
 )
-from daemon.pick.plan import MOST_GOALS, Destination, NoPlan, approach_poses, is_over, last_stretch, stable_sides
+from daemon.pick.planning.plan import (
+    MOST_GOALS,
+    Destination,
+    NoPlan,
+    approach_poses,
+    is_over,
+    last_stretch,
+    stable_sides,
+)
+from daemon.pick.planning.table_room import Beside, beside_of, free_spots
+from daemon.pick.planning.viewpoints import Reachable, view_worth
 from daemon.pick.seen import in_both_images
 from daemon.pick.settings import Settings
-from daemon.pick.table_room import Beside, beside_of, free_spots
-from daemon.pick.two_fingers import centre_of_mass, felt, hull
-from daemon.pick.viewpoints import Reachable, view_worth
 from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.vision.geometry import FACING, Polyhedron, StereoRig
 

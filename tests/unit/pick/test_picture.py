@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.place_plan import PlannedMotion, SidePlan
-from daemon.pick.plan_picture import CELL_PX, DOWN_RAD, HEAD_PX, plan_picture
+from daemon.pick.grippers.two_fingers import tool_rotation
+from daemon.pick.planning.picture import CELL_PX, DOWN_RAD, HEAD_PX, plan_picture
+from daemon.pick.planning.place_plan import PlannedMotion, SidePlan
 from daemon.pick.settings import Settings
-from daemon.pick.two_fingers import tool_rotation
 from tests.fakes.fake_cell import shape_of
 
 HAND = Settings().gripper.body

@@ -1,29 +1,9 @@
 """From how far a part is looked at on the approach, and when it was looked at enough. Pure: values in, values out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
-
-from msgspec import Meta
 
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting, fuse
-from daemon.quantities import Few, Length, Turn
-
-
-@dataclass(frozen=True)
-class StandOffs:
-    """Where the approach stops to look, and when it has looked enough."""
-
-    stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
-    """Distances of the cameras from the part at which to stop and look, far to near, mm."""
-    enough_mm: Length = 1.0
-    """Predicted error at the grasp that is small enough, rms, mm."""
-    enough_deg: Turn = 1.0
-    """Predicted angular error at the grasp that is small enough, rms, degrees."""
-    least_looks: Few = 1
-    """Fewest looks before a grasp."""
-    most_looks: Few = 5
-    """Most looks at one part before it is left alone."""
+from daemon.pick.settings import StandOffs
 
 
 def enough(estimate: Estimate, looks: int, stops: StandOffs, any_turn: bool = False) -> bool:

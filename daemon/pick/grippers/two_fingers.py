@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm import HandBody, two_fingers
 from daemon.arrays import Array
-from daemon.pick.gripper import Grasps, HeldAbout, PlannedGrasp
+from daemon.pick.grippers.gripper import Grasps, HeldAbout, PlannedGrasp
 from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry import Polyhedron, exact, inside
 

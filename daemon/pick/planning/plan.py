@@ -11,13 +11,12 @@ from daemon import frames
 from daemon.arm import CameraMounting, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
-from daemon.pick import viewpoints
-from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.place_goals import FLAT_MM, Goal, SetDown, goes_through, ways_to
+from daemon.pick.grippers import PlannedGrasp, centre_of_mass, felt
+from daemon.pick.planning import viewpoints
+from daemon.pick.planning.place_goals import FLAT_MM, Goal, SetDown, goes_through, ways_to
+from daemon.pick.planning.viewpoints import Reachable
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
-from daemon.pick.two_fingers import centre_of_mass, felt
-from daemon.pick.viewpoints import Reachable
 from daemon.vision.geometry import Polyhedron, inside
 
 MOST_CHANGE_MM = 25.0

@@ -1,0 +1,77 @@
+"""What is decided before anything moves: viewpoints, grasps and approaches, and how a part gets to its place.
+
+Pure functions on arrays: observations and what the arm can reach in, plans out. They move nothing, wait for nothing
+and read no file; the handlers of the states (find.py, approach.py, take.py, set_down.py) carry the plans out.
+"""
+
+from daemon.pick.planning.next_view import (
+    Gain,
+    PartHypothesis,
+    allowed,
+    distinct_hypotheses,
+    freshest,
+    hypotheses_in_words,
+    hypotheses_of,
+    next_best,
+    places_round,
+    untaught_hypothesis,
+)
+from daemon.pick.planning.picture import plan_picture
+from daemon.pick.planning.place_goals import (
+    Goal,
+    PartPlaceError,
+    PlaceDeviation,
+    SetDown,
+    deviation,
+    fixture_boxes,
+    flattened,
+    goal_of,
+    set_down_of,
+    spot_of,
+    too_tight,
+)
+from daemon.pick.planning.place_plan import SidePlan, plan_anew, plan_from_side, plan_to_place, then_in_words
+from daemon.pick.planning.plan import Destination, NoPlan, Plan, last_stretch, same_grasp, stable_sides
+from daemon.pick.planning.regrasp import MOST_GRASPS
+from daemon.pick.planning.stand_offs import enough, next_stand_off
+from daemon.pick.planning.table_room import beside_of
+
+__all__ = [
+    "MOST_GRASPS",
+    "Destination",
+    "Gain",
+    "Goal",
+    "NoPlan",
+    "PartHypothesis",
+    "PartPlaceError",
+    "PlaceDeviation",
+    "Plan",
+    "SetDown",
+    "SidePlan",
+    "allowed",
+    "beside_of",
+    "deviation",
+    "distinct_hypotheses",
+    "enough",
+    "fixture_boxes",
+    "flattened",
+    "freshest",
+    "goal_of",
+    "hypotheses_in_words",
+    "hypotheses_of",
+    "last_stretch",
+    "next_best",
+    "next_stand_off",
+    "places_round",
+    "plan_anew",
+    "plan_from_side",
+    "plan_picture",
+    "plan_to_place",
+    "same_grasp",
+    "set_down_of",
+    "spot_of",
+    "stable_sides",
+    "then_in_words",
+    "too_tight",
+    "untaught_hypothesis",
+]
