@@ -35,7 +35,7 @@ from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import LineSession, confirms, unanswered
 from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
-ABORT_ATTEMPTS = 5
+STOP_ATTEMPTS = 5
 MOST_JUDGED = 3
 """The most tries of the stop command until one is answered without an error message."""
 TINY_DEG = 1e-9
@@ -99,7 +99,7 @@ class Link:
         self.belongs_together = belongs_together or (lambda where: True)
         self._open_port = open_port
         self._session: LineSession | None = None
-        self._aborting: asyncio.Task[Where | None] | None = None
+        self._stop_task: asyncio.Task[Where | None] | None = None
         self._preamble: Preamble | None = None
         """The preamble that was sent ahead, when the previous move ended."""
         self._announced_s: float | None = None
@@ -334,10 +334,10 @@ class Link:
         Raises StopWordRefused at once where the controller does not accept the command; NoAnswer and others where it
         does not report rest after some tries. Then the arm may still move: stop it again.
         """
-        if self._aborting is None or self._aborting.done():
-            self._aborting = asyncio.create_task(self._abort(self._open_session))
-            self._aborting.add_done_callback(mark_heard)
-        return await asyncio.shield(self._aborting)
+        if self._stop_task is None or self._stop_task.done():
+            self._stop_task = asyncio.create_task(self._stop(self._open_session))
+            self._stop_task.add_done_callback(mark_retrieved)
+        return await asyncio.shield(self._stop_task)
 
     async def test_stop(self) -> None:
         """Test the stop, and measure how long it takes; the test is a real `stop_motion`. Raises as stop_motion, and
@@ -526,7 +526,7 @@ class Link:
         if self.dialect.break_after_move:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
-    async def _abort(self, session: LineSession) -> Where | None:
+    async def _stop(self, session: LineSession) -> Where | None:
         """Try to stop, each try at most as long as a prompt and two WHERE take. A half-typed line becomes an error, not
         a command. An open question is first answered with N, except a power-up question, unless a program may be
         asking it."""
@@ -534,9 +534,9 @@ class Link:
         problem: LinkError = NoAnswer(f"no answer to {self.dialect.abort_word}")
         before, asked = b"", ""
         async with session.preemption() as talk:
-            for _ in range(ABORT_ATTEMPTS):
+            for _ in range(STOP_ATTEMPTS):
                 try:
-                    last = await self._type_abort(session, talk, before)
+                    last = await self._type_stop(session, talk, before)
                     if isinstance(last, ControllerQuestion):
                         switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
@@ -553,7 +553,7 @@ class Link:
                     before, problem = b"", failed
         raise problem
 
-    async def _type_abort(self, session: LineSession, talk: Conversation, before: bytes) -> LineEvent:
+    async def _type_stop(self, session: LineSession, talk: Conversation, before: bytes) -> LineEvent:
         """Type the stop command twice at once, on separate lines, so that a damaged byte damages only one of them.
         First cancel a half-typed line: as an answer, a Y counts whatever follows it. Before an answer of facetd's
         (before) no cancel key is sent: a controller that does not know the key would take it as part of the answer."""
@@ -632,7 +632,7 @@ def nothing() -> None:
     """Do nothing."""
 
 
-def mark_heard(aborting: asyncio.Task[Where | None]) -> None:
+def mark_retrieved(stop: asyncio.Task[Where | None]) -> None:
     """Mark the error of a stop as retrieved: its caller may have been cancelled."""
-    if not aborting.cancelled():
-        aborting.exception()
+    if not stop.cancelled():
+        stop.exception()

@@ -119,7 +119,7 @@ class LineSession:
             await self._opened.wait()
         talk = self.talk
         if moves and not self._may_go_on.is_set():
-            raise Preempted("an abort is under way")
+            raise Preempted("a stop is under way")
         async with self._turn:
             await self._may_go_on.wait()
             talk.check()
@@ -142,7 +142,7 @@ class LineSession:
     async def preemption(self) -> AsyncIterator[Conversation]:
         """Context: take the line at once. The task whose turn it was gets Preempted, and cannot send another byte."""
         self._may_go_on.clear()
-        self.talk.end(Preempted("aborted"))
+        self.talk.end(Preempted("stopped"))
         self._port.overtake()
         self.talk = self._new_conversation()
         try:

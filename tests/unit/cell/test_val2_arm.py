@@ -202,7 +202,7 @@ def test_nobody_else_asks_the_controller_anything_during_a_cal(runner: asyncio.R
             assert arm.aside
             assert not task.done()
             await arm.stop_motion()
-            with pytest.raises(Exception, match="aborted"):
+            with pytest.raises(Exception, match="stopped"):
                 await task
             assert not arm.aside
 

@@ -26,8 +26,8 @@ from drivers.val2.link import (
     PortError,
     Preempted,
     Where,
+    mark_retrieved,
 )
-from drivers.val2.link import mark_heard as heard_of
 from drivers.val2.location import Location, apart, location_from_matrix
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived
@@ -809,7 +809,7 @@ def test_a_stop_that_nobody_waits_for_any_more_is_nobodys_unhandled_error() -> N
             raise NoAnswer("no answer to ABORT")
 
         for task, ended in ((asyncio.create_task(failing()), False), (asyncio.create_task(asyncio.sleep(9.0)), True)):
-            task.add_done_callback(heard_of)
+            task.add_done_callback(mark_retrieved)
             if ended:
                 task.cancel()
             await asyncio.wait([task])

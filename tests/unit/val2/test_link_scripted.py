@@ -116,7 +116,7 @@ def test_a_question_that_is_asked_again_after_the_first_no_is_declined_a_second_
 
 def test_who_comes_while_the_line_is_opened_types_nothing_amid_that() -> None:
     """A WHERE behind the key that cancels made the prompt to it an echo that was none; the arm was stopped for it, and
-    what an operator asked for just then ended with the fault `an abort is under way`."""
+    what an operator asked for just then ended with the fault `a stop is under way`."""
 
     async def story() -> list[str]:
         port = Scripted(usual)
@@ -390,7 +390,7 @@ def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_word
     async def in_a_stop(link: Link) -> None:
         stopping = asyncio.ensure_future(link.stop_motion())
         await asyncio.sleep(0.01)
-        with pytest.raises(Preempted, match="an abort is under way"):
+        with pytest.raises(Preempted, match="a stop is under way"):
             await link.move(GOAL, start=START)
         await stopping
 

@@ -110,7 +110,7 @@ def test_a_preemption_ends_who_has_the_line_and_who_waited_for_it_and_lets_who_c
         await asyncio.gather(first, waiting, later, motion)
         assert wire.sent == b"ABORTlater"
         assert sorted(came) == [
-            "first: aborted", "later done", "motion: an abort is under way", "waiting: aborted",
+            "first: stopped", "later done", "motion: a stop is under way", "waiting: stopped",
         ]  # fmt: skip
 
     lived(story())

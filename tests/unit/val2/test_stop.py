@@ -308,7 +308,7 @@ def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_
         async def asks(*_: Any) -> ControllerQuestion:
             return ControllerQuestion(b"", "Are you sure (Y/N)?")
 
-        link._type_abort = asks  # type: ignore[method-assign]
+        link._type_stop = asks  # type: ignore[method-assign]
         with pytest.raises(NoAnswer):
             await link.stop_motion()
 
