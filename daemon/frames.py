@@ -137,6 +137,13 @@ def transport_covariance(c_from_b: Array, covariance_in_b: Array) -> Array:
     return turn @ covariance_in_b @ turn.T
 
 
+def with_known_turn(covariance: Array, axis: Array) -> Array:
+    """Covariance (6, 6) of a pose of which the turn about a unit axis (3,) through somewhere on the body is known, or
+    does not matter: what goes with that turn does not count either."""
+    by_turn = covariance[:, 3:] @ axis
+    return np.asarray(covariance - np.outer(by_turn, by_turn) / (axis @ by_turn[3:]))
+
+
 def lever_covariance(b_from_a: Array, covariance_of_c_from_b: Array, c_from_b: Array) -> Array:
     """What an uncertain c_from_b (6, 6; see module) adds to the covariance of c_from_a = c_from_b @ b_from_a."""
     jacobian = np.eye(6)

@@ -3,6 +3,9 @@ is."""
 
 from typing import Literal
 
+import numpy as np
+
+from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
@@ -24,6 +27,8 @@ from daemon.pick.world import (
     travel,
     unreachable,
 )
+
+VERTICAL = np.array([0.0, 0.0, 1.0])
 
 
 async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE, PickEvent.UNREACHABLE]:
@@ -105,14 +110,25 @@ async def estimating(
         predicted_deg=estimate.predicted_deg,
         chi2=chi,
     )
-    any_turn = plan.grasp.any_turn and plan.way is None
-    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, any_turn):
+    free_axis = _free_axis(target)
+    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, free_axis):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
+
+
+def _free_axis(target: Target) -> Array | None:
+    """(3,) world, the axis about which the turn of a part does not matter; None: its turn matters. It must neither to
+    the fingers nor where the part is brought."""
+    if not target.plan.grasp.any_turn:
+        return None
+    if target.way is None:
+        return VERTICAL
+    axis = target.way.goal.axis
+    return None if axis is None else np.asarray(target.world_from_part[:3, :3] @ axis.direction)
 
 
 async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:

@@ -6,7 +6,7 @@ much more sharply than either is known.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -76,10 +76,10 @@ class Estimate:
         """The angle."""
         return frames.rms_deg(self.at_grasp[3:, 3:])
 
-    @property
-    def predicted_tilt_deg(self) -> float:
-        """The angle without the turn about the vertical."""
-        return frames.rms_deg(self.at_grasp[3:5, 3:5])
+    def of_any_turn(self, axis: Array) -> "Estimate":
+        """The same for a part whose turn about an axis (3,), world, does not matter."""
+        covariance, at_grasp = (frames.with_known_turn(each, axis) for each in (self.covariance, self.at_grasp))
+        return replace(self, covariance=covariance, at_grasp=at_grasp)
 
 
 def sighting(

@@ -383,12 +383,10 @@ def combined_pose(goal: Goal, estimate: Estimate) -> PlaceFinding:
     """What looks say together that found the part by its edges. Looks err most in height, and a part rests on its
     support: its height counts only where it is more than they may err."""
     off, place_settings = deviation(goal, estimate.world_from_part), goal.place.settings
+    if goal.axis is not None:  # its turn no look can say, and no place asks for
+        estimate = estimate.of_any_turn(estimate.world_from_part[:3, :3] @ goal.axis.direction)
     variance = np.diag(estimate.covariance)
-    any_turn = 0.0  # about the axis of a body of revolution: what no look can say, and no place asks for
-    if goal.axis is not None:
-        way = estimate.world_from_part[:3, :3] @ goal.axis.direction
-        any_turn = float(way @ estimate.covariance[3:, 3:] @ way)
-    errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum() - any_turn)))
+    errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
     most_height_mm = max(place_settings.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))
     most = f"{place_settings.tolerance_mm:g} mm and {place_settings.tolerance_deg:g} degrees"
     if abs(off.height_mm) > most_height_mm:

@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 
+from daemon.arrays import Array
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting, fuse
 from daemon.pick.settings import StandOffs
 
 
-def enough(estimate: Estimate, looks: int, stops: StandOffs, any_turn: bool = False) -> bool:
-    """Whether the pose is known well enough for the final approach, which is made without another look. any_turn: the
-    turn about the vertical does not matter."""
-    turned_deg = estimate.predicted_tilt_deg if any_turn else estimate.predicted_deg
-    good = estimate.predicted_mm <= stops.enough_mm and turned_deg <= stops.enough_deg
+def enough(estimate: Estimate, looks: int, stops: StandOffs, free_axis: Array | None = None) -> bool:
+    """Whether the pose is known well enough for the final approach, which is made without another look. free_axis:
+    (3,) world, about which the turn of the part does not matter."""
+    if free_axis is not None:
+        estimate = estimate.of_any_turn(free_axis)
+    good = estimate.predicted_mm <= stops.enough_mm and estimate.predicted_deg <= stops.enough_deg
     return good and looks >= stops.least_looks
 
 

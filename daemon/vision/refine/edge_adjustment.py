@@ -37,9 +37,10 @@ CONTRADICTED, ASTRAY_PASSES, MOST_ASTRAY_PX = 1.05, 5, 0.6
 """Of what lines are doubted by, how much they may contradict each other and be taken as measured; how often else is
 asked how far they are astray, and the farthest: on a real cube whose picture no lens model bends quite right .3 px."""
 PRIOR = np.diag([5.0**-2] * 3 + [np.radians(3.0) ** -2] * 3)
-"""How near the part is to where it was measured: only what no edge says is left to this."""
-LEAST_HELD = 1e-6
-"""Of that, what is left where something else holds the part."""
+"""How near the part is to where it was measured: what no edge says moves no farther. It damps the fit, and is no
+measurement: each look would count it anew, and a turn that none of them sees would seem to be known."""
+UNMEASURED = np.diag([1000.0**-2] * 3 + [3 * np.pi**-2] * 3)
+"""Information of what no edge measures: a part is within a metre, and may have any turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def adjust_pose(
     held, towards = np.zeros((size, size)), np.zeros(size)
     held[:6, :6] = PRIOR
     if anchor is not None:
-        held[:6, :6] = anchor[1] + LEAST_HELD * PRIOR
+        held[:6, :6] += anchor[1]
         towards[:6] = anchor[1] @ frames.difference(anchor[0], pose)
     held[-1, -1] = WORN_MM**-2
     corner = np.arange(count)
@@ -115,8 +116,7 @@ def adjust_pose(
             astray_px2 = min(max(found.excess[0] * (usual_px2 + astray_px2) - usual_px2, 0.0), MOST_ASTRAY_PX**2)
             found = _solved(design, wanted, doubt + astray_px2 * np.eye(2), trust, held, towards, passes=1)
     solution, hessian = found.unknowns[0], found.held[0]
-    if anchor is not None:  # which is made of the same grey levels: it says where, and not how surely
-        hessian[:6, :6] += PRIOR - anchor[1]
+    hessian[:6, :6] += UNMEASURED - held[:6, :6]  # an anchor is made of the same grey levels: it says where alone
     spread = np.linalg.inv(hessian)
     followed = float(np.trace(spread @ found.information[0]))  # of the lines, what all unknowns follow, corners too
     spread *= max(float(excess_of(found.miss, found.trust, 2, followed)[0]), 1.0)

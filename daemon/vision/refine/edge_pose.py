@@ -169,7 +169,7 @@ def _project_unhidden_edges(
 
 def _hold_pose(observed: Sequence[EdgeObservation]) -> bool:
     """Whether in both cameras so much of a part's outline is in place that its edges hold the pose: also along a bar
-    whose ends are out of view there must be an edge."""
+    whose ends are out of view there must be an edge. A round part may turn about its axis."""
     in_place = [seen.on_place & seen.edges.sharp for seen in observed]
     if min(_outline_fraction(seen.edges, good) for seen, good in zip(observed, in_place, strict=True)) < LEAST_OUTLINE:
         return False
@@ -177,6 +177,7 @@ def _hold_pose(observed: Sequence[EdgeObservation]) -> bool:
     for seen, good in zip(observed, in_place, strict=True):
         rows = whitener(seen.doubt[good]) @ seen.edges.jacobian[good]
         information += np.einsum("eia,eib->ab", rows, rows)
+    information[3:, 3:] += PRIOR[3:, 3:]  # a turn that no edge shows is that of a round part: its covariance says so
     return bool(np.linalg.cond(information * np.outer(SCALE, SCALE)) <= SAFE_CONDITION)
 
 

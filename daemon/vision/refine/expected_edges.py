@@ -23,6 +23,8 @@ ROOM_PX, LEAST_LENGTH_PX, LEAST_ARC_PX = 6.0, 12.0, 7.0
 ends of its chord, less is enough."""
 ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 """An edge is on its place within so many times what the shape leaves open, which is this at least."""
+STEEPEST = 3.0
+"""How steeply an arc may leave its chord, where the camera sees it nearly edge-on, for its ends to count in full."""
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
@@ -216,7 +218,10 @@ def project_edges(
         seen = [view.rectified.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in images.views]
         on_image = np.where(camera[arcs, None, None] == 0, *seen)
         bow[arcs] = ((on_image - start[arcs, None]) * normal[arcs]).sum(2)
-        normals[arcs] -= _climb(bow[arcs], start[arcs], end[arcs])
+        tangents = _tangents(on_arcs, circles[arcs]) @ of_arcs[:, :3, :3].swapaxes(1, 2)
+        of_ends = np.stack([1 - share[arcs], share[arcs]], 2)
+        slopes = slope[camera[arcs, None], ends[arcs], :, :3]
+        normals[arcs] -= _climb(np.einsum("anc,acij,anj->ani", of_ends, slopes, tangents), start[arcs], end[arcs])
     moves = np.einsum("eni,ecij->encj", normals, slope[camera[:, None], ends])  # across either end, by either corner
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves
     jacobian = by_corner.sum(2)
@@ -253,13 +258,20 @@ def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:
     return onto_circles(chords[:, :1] + at * (chords[:, 1:] - chords[:, :1]), circles[:, None])
 
 
-def _climb(bow: Array, start: Array, end: Array) -> Array:
-    """(A, 2, 2) how steeply arcs that bow so (A, 3) leave their chords start -> end, (A, 2) each, at either end, times
-    the unit vector along these: what moves along an arc does not move it. An arc is nearly a parabola."""
-    way = end - start
-    first, middle, last = bow.T
-    rise = np.stack([4 * middle - 3 * first - last, first - 4 * middle + 3 * last], 1)
-    return np.asarray(rise[..., None] * (way / np.maximum((way**2).sum(1, keepdims=True), 1e-9))[:, None])
+def _tangents(on_arcs: Array, circles: Array) -> Array:
+    """(A, 2, 3) directions in which circles (A, 4) run where their arcs begin and end, of (A, 3, 3) places on these."""
+    spokes = on_arcs[:, [0, 2]] - circles[:, None, :3]
+    return np.cross(np.cross(spokes[:, 0], spokes[:, 1])[:, None], spokes)
+
+
+def _climb(tangents_px: Array, start: Array, end: Array) -> Array:
+    """(A, 2, 2) how steeply arcs that run so at either end, (A, 2, 2) px, leave their chords start -> end, (A, 2) each,
+    times the unit vector along these: what moves along an arc does not move it."""
+    way = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1), 1e-6)[:, None]
+    along = (tangents_px * way[:, None]).sum(2)
+    rise = (tangents_px * across(start, end)[:, None]).sum(2)
+    steep = np.clip(rise / np.where(along == 0.0, 1e-9, along), -STEEPEST, STEEPEST)
+    return np.asarray(steep[..., None] * way[:, None])
 
 
 def shares_inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:

@@ -1,6 +1,7 @@
 """The approach, state by state: what is skipped, what is planned again, what closes all motion, who is blamed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach, take
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import SuspectError
+from daemon.vision.model import Axis
 from tests.fakes.fake_cell import one_part
 from tests.fakes.pick_steps import begun, brought_to, step
 
@@ -128,11 +130,24 @@ def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(
     assert world.replans == 1
 
 
+UPRIGHT, LEVEL = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+
 @pytest.mark.parametrize(
-    ("rounded", "at_place", "event"),
-    [(True, False, PickEvent.SURE), (False, False, PickEvent.UNSURE), (True, True, PickEvent.UNSURE)],
+    ("rounded", "at_place", "about", "event"),
+    [
+        (True, False, None, PickEvent.SURE),
+        (False, False, None, PickEvent.UNSURE),
+        (True, True, None, PickEvent.UNSURE),
+        (True, True, UPRIGHT, PickEvent.SURE),
+        (False, True, UPRIGHT, PickEvent.UNSURE),
+        (True, True, LEVEL, PickEvent.UNSURE),
+    ],
 )
-def test_a_round_part_of_unknown_turn_is_taken_to_the_bin_and_to_no_place(monkeypatch, rounded, at_place, event):
+def test_a_round_part_of_unknown_turn_is_taken_where_its_turn_does_not_matter(
+    monkeypatch, rounded, at_place, about, event
+):
+    """about: the axis, world, about which its place allows any turn."""
     context, world = begun(one_part())
     brought_to(PickState.ESTIMATING, context, world)
     plan, fused = world.the_target().plan, approach.pose_fusion.fuse
@@ -141,7 +156,10 @@ def test_a_round_part_of_unknown_turn_is_taken_to_the_bin_and_to_no_place(monkey
         estimate = fused([replace(one, covariance=1e-4 * np.eye(6)) for one in sightings], doubt)
         return replace(estimate, at_grasp=1e-6 * np.eye(6) + np.diag([0, 0, 0, 0, 0, 1.0]))
 
-    found = replace(plan, grasp=replace(plan.grasp, rounded=rounded), way=object() if at_place else None)
+    turn = world.the_target().world_from_part[:3, :3]
+    axis = None if about is None else Axis(np.zeros(3), turn.T @ about)
+    way = SimpleNamespace(goal=SimpleNamespace(axis=axis)) if at_place else None
+    found = replace(plan, grasp=replace(plan.grasp, rounded=rounded), way=way)
     monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)
     monkeypatch.setattr(approach, "same_grasp", lambda *_: found)
     assert step(context, world, PickState.ESTIMATING) is event

@@ -9,6 +9,8 @@ from daemon.pick.pose_fusion import fuse
 from daemon.pick.settings import StandOffs
 from tests.unit.pick.test_pose_fusion import DOUBT, looked
 
+VERTICAL = np.array([0.0, 0.0, 1.0])
+
 
 def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
     rng = np.random.default_rng(5)
@@ -35,12 +37,22 @@ def test_how_a_part_is_turned_about_the_vertical_need_not_be_known_where_it_is_h
     stops = StandOffs(enough_mm=1e6)
     assert enough(estimate, 1, stops)
     assert [enough(one, 1, stops) for one in (unturned, leaning)] == [False, False]
-    assert [enough(one, 1, stops, any_turn=True) for one in (unturned, leaning)] == [True, False]
+    assert [enough(one, 1, stops, VERTICAL) for one in (unturned, leaning)] == [True, False]
+
+
+def test_what_an_unknown_turn_does_to_an_origin_beside_the_axis_does_not_count_where_the_turn_does_not():
+    estimate = fuse([looked(np.random.default_rng(7), 200.0, np.zeros(9))], DOUBT)
+    beside = np.array([0.0, 4.0, 0.0, 0.0, 0.0, 1.0])
+    unturned = replace(estimate, at_grasp=estimate.at_grasp + 0.5 * np.outer(beside, beside))
+    stops = StandOffs()
+    assert enough(estimate, 1, stops)
+    assert unturned.predicted_mm > 2.0 * stops.enough_mm
+    assert enough(unturned, 1, stops, VERTICAL)
 
 
 def test_how_far_the_arm_turns_it_at_the_grasp_counts_whether_or_not_its_turn_does():
     looks = [looked(np.random.default_rng(7), 200.0, np.zeros(9))]
     stops = StandOffs(enough_mm=1e6)
-    for any_turn in (False, True):
-        assert enough(fuse(looks, DOUBT), 1, stops, any_turn)
-        assert not enough(fuse(looks, replace(DOUBT, arm_deg=2.0 * stops.enough_deg)), 1, stops, any_turn)
+    for free_axis in (None, VERTICAL):
+        assert enough(fuse(looks, DOUBT), 1, stops, free_axis)
+        assert not enough(fuse(looks, replace(DOUBT, arm_deg=2.0 * stops.enough_deg)), 1, stops, free_axis)
