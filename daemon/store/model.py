@@ -5,6 +5,7 @@ daemon/vision/model/model.py defines the values. Every error is a ModelError tha
 
 import hashlib
 import json
+import re
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,11 +31,14 @@ from daemon.vision.model import (
     Model,
     TaughtView,
     relearnt,
+    with_types_of_arcs,
 )
 from daemon.vision.settings import MemorySettings
 
 FORMAT = "facetd-model"
 VERSION = 2
+EARLIER_ARC = re.compile(r"arc\d+")
+"""Name of a facet with arcs in models of earlier releases, by the degrees of the longest."""
 LARGEST_MM = 1e5
 """Farthest corner from a part's centre."""
 LARGEST_FILE = 32_000_000
@@ -294,7 +298,20 @@ def _model(header: _ModelHeader, arrays: Arrays) -> Model:
     metric = {m.label: MetricModel(next(solids), tuple(m.joined)) for m in header.metric}
     artmap = _memory(header, parameters, arrays)
     _check_parts(header, views, metric, artmap)
-    return Model(_library(header.library), parameters, views, artmap, metric)
+    return _named_by_rings(Model(_library(header.library), parameters, views, artmap, metric))
+
+
+def _named_by_rings(model: Model) -> Model:
+    """Rename the facets with arcs of a model of an earlier release, which named them by the longest arc alone, `arc90`;
+    learn its views again with these names."""
+    measured = [view.solid for view in model.views if view.solid is not None]
+    solids = [*measured, *(one.solid for one in model.metric.values())]
+    if not any(EARLIER_ARC.fullmatch(one.types[arc.facet]) for one in solids for arc in one.arcs):
+        return model
+    named = {id(one): with_types_of_arcs(one, model.library) for one in solids}
+    views = tuple(v if v.solid is None else replace(v, solid=named[id(v.solid)]) for v in model.views)
+    metric = {label: replace(one, solid=named[id(one.solid)]) for label, one in model.metric.items()}
+    return relearnt(replace(model, views=views, metric=metric))
 
 
 def _memory(header: _ModelHeader, parameters: MemorySettings, arrays: Arrays) -> RelationARTMAP:

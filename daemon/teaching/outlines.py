@@ -22,16 +22,14 @@ ARC_POINTS, MIN_POINTS = 7.6, 9
 
 @dataclass(eq=False)
 class Outlines:
-    """Rings under construction. points: the drawing's corners, and behind them those of chords; rounded: which rings
-    have chords; smooth: sides that do
-    not show, by their ends, the smaller first; arcs: those that show, each by the number of its ring and points (N, 3)
-    on it."""
+    """Rings under construction. points: the drawing's corners, and behind them those of chords; smooth: sides
+    that do not show, by their ends, the smaller first; arcs: each by the number of its ring, points (N, 3) on it, and
+    whether it shows."""
 
     points: list[Array]
     rings: list[tuple[int, ...]] = field(default_factory=list)
-    rounded: list[bool] = field(default_factory=list)
     smooth: set[tuple[int, int]] = field(default_factory=set)
-    arcs: list[tuple[int, Array]] = field(default_factory=list)
+    arcs: list[tuple[int, Array, bool]] = field(default_factory=list)
 
 
 def outlines(regions: FlatRegions, owner: Index, blends: Blends, step_mm: float) -> Outlines:
@@ -42,16 +40,13 @@ def outlines(regions: FlatRegions, owner: Index, blends: Blends, step_mm: float)
     for face in faces:
         ring = [corner for corner, _ in drawn.rings[face]]
         kinds = [_kind(regions, face, beyond, owner) for _, beyond in drawn.rings[face]]
-        count = len(made.points)
         turned = next((k for k in range(len(ring)) if kinds[k - 1] != kinds[k]), None)
         if turned is None and kinds[0][0] >= 0:
             made.rings.append(_chords(made, [*ring, ring[0]], step_mm, kinds[0][1]))
-            made.rounded.append(len(made.points) > count)
             continue
         first = turned or 0
         ring, kinds = ring[first:] + ring[:first], kinds[first:] + kinds[:first]
         made.rings.append(_straightened(made, _pieces(made, ring, kinds, step_mm), step_mm))
-        made.rounded.append(len(made.points) > count)
     return made
 
 
@@ -87,8 +82,7 @@ def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) ->
         chords, along = arc
         inner = list(range(len(made.points), len(made.points) + len(chords)))
         made.points.extend(chords)
-        if not smooth:
-            made.arcs.append((len(made.rings), along))
+        made.arcs.append((len(made.rings), along, not smooth))
         new = [*inner, inner[0]] if closed else [stretch[0], *inner, stretch[-1]]
     if smooth:
         made.smooth |= {(min(a, b), max(a, b)) for a, b in pairwise(new)}

@@ -18,7 +18,7 @@ from daemon.teaching.holes import holes_of, sunk_loops
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.teaching.outlines import outlines
 from daemon.vision.geometry import OutlineArc, Polyhedron
-from daemon.vision.model import FacetLibrary, type_facet
+from daemon.vision.model import FacetLibrary, types_of_each
 
 MAX_PIECES = 6000
 """Largest number of flat pieces of a surface that are examined; a machined part's drawing has fewer."""
@@ -109,13 +109,14 @@ def _solid(
     points -= middle
     facets = tuple(tuple(place[k] for k in ring) for ring in made.rings)
     covariance = np.repeat(max(DRAWN_MM, step_mm / 2) ** 2 * np.eye(3)[None], len(points), axis=0)
-    drawn = [regions.corners[list(regions.loops[face][0])] for face in np.flatnonzero(small.flat)]
-    typed = [fine if rounded else points[list(f)] for f, fine, rounded in zip(facets, drawn, made.rounded, strict=True)]
-    types = tuple(type_facet(ring, np.repeat(covariance[:1], len(ring), axis=0), library)[0].name for ring in typed)
+    round_ = [[along - middle for facet, along, _ in made.arcs if facet == k] for k in range(len(facets))]
+    rings = [points[list(facet)] for facet in facets]
+    spread = [covariance[: len(ring)] for ring in rings]
+    types = tuple(own[0].name for own in types_of_each(rings, spread, library, round_))
     smooth = frozenset((place[a], place[b]) for a, b in made.smooth if a in place and b in place)
     rims = holes_of(regions, np.flatnonzero(small.flat), owner, step_mm)
     holes = tuple(replace(one, ring_mm=one.ring_mm - middle) for one in rims)
-    arcs = tuple(OutlineArc(facet, along - middle) for facet, along in made.arcs)
+    arcs = tuple(OutlineArc(facet, along - middle) for facet, along, shows in made.arcs if shows)
     return Polyhedron(points, facets, covariance, types, smooth, holes=holes, arcs=arcs), middle
 
 

@@ -121,7 +121,7 @@ def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> 
     """Whether pictures without a model type the arcs that they show well, and their radii as circles in space."""
     cameras = open_stereo(shown.left, shown.right, shown.rig)
     facets = [facet for part in look(shown.left, shown.right, shown.rig).parts for facet in part.facets]
-    rims, kinds = rims_of(solid), {kind for kind in solid.types if kind.startswith("arc")}
+    rims, kinds = rims_of(solid), {solid.types[arc.facet] for arc in solid.arcs}
     seen = find_circles(cameras, np.array([rim.radius_mm for rim in rims]))
     for rim in rims:
         centre, normal = frames.apply(true, rim.centre_mm[None])[0], true[:3, :3] @ rim.normal

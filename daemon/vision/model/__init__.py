@@ -8,10 +8,10 @@ from daemon.vision.model.facet_types import (
     FacetType,
     Value,
     conditions,
-    facet_name,
-    facets_counted,
     type_facet,
     type_number,
+    types_of_each,
+    with_types_of_arcs,
 )
 from daemon.vision.model.merge import MetricModel, corresponding_facets, fit_shared, merge_views
 from daemon.vision.model.model import (
@@ -25,6 +25,7 @@ from daemon.vision.model.model import (
     relearnt,
 )
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
+from daemon.vision.model.ring_names import facet_name, facets_counted
 from daemon.vision.model.symmetry import (
     EXACT_MM,
     Axis,

@@ -1,7 +1,8 @@
-"""Arcs in a facet's outline: corners that run round a circle in short, equal turns, and the sector angle they span.
+"""Elements of a facet's outline: straight sides and arcs, in order round it.
 
-In: corners. Out: arcs, and the name a facet gets from one. Straight-sided typing lives in facet_types.py.
-Source: D'Souza, section 5.7 (the sector angle of an arc as a property of the element).
+In: corners, and points along the arcs that are known. Out: arcs among corners alone; elements with their sweep and the
+turn to the next. What a ring of elements is called: ring_names.py. Source: D'Souza, section 5.7 (the sector angle of an
+arc as a property of the element).
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from daemon.vision.geometry import fit_circle, newell_normal
 MIN_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
 ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
 LONGEST_RAD, UNEVEN = np.pi / 2, 4.0  # a longer turn is a straight side, and so is one of so many usual ones
-NAME_STEP_DEG, UNSURE = 15, 0.25  # sector angles are named to this step, and are so unsure, in steps
+CLOSED_MM = 1e-6  # between the ends of a whole circle
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,90 @@ class Arc:
     radius_mm: float
 
 
+@dataclass(frozen=True)
+class Element:
+    """A straight side, or an arc, from one corner of a facet to another, by their numbers. sweep_rad: 0 of a side, of
+    an arc positive where it bends outwards; radius_mm: 0 of a side; turn_rad: by how much the outline turns at its end,
+    into the next element, anticlockwise."""
+
+    first: int
+    last: int
+    sweep_rad: float
+    radius_mm: float
+    turn_rad: float
+
+    @property
+    def straight(self) -> bool:
+        """Whether it is a side."""
+        return self.radius_mm == 0
+
+
+def ring_elements(corners_mm: Array, arcs_mm: Sequence[Array]) -> tuple[Element, ...]:
+    """The elements of an outline with arcs, from one of these on; none where they do not follow one another.
+
+    corners_mm (N, 3), those of chords among them; arcs_mm: points (K, 3) along each arc, from end to end, the way the
+    corners run. One arc alone is a disc.
+    """
+    origin, axes = _plane(corners_mm)
+    flat = (corners_mm - origin) @ axes.T
+    known = dict[int, tuple[int, Array]]()
+    for points in ((one - origin) @ axes.T for one in arcs_mm):
+        first, last = (int(((flat - points[end]) ** 2).sum(1).argmin()) for end in (0, -1))
+        if first == last or np.linalg.norm(points[0] - points[-1]) < CLOSED_MM:
+            radius = fit_circle(points)[1]
+            return (Element(0, 0, 2 * np.pi, radius, 0.0),) if len(arcs_mm) == 1 else ()
+        known[first] = last, points
+    start = min(known)
+    return _turned(_walk(flat, known, start))
+
+
+def elements_by_corners(corners_mm: Array, covariance_mm2: Array) -> tuple[Element, ...]:
+    """The elements of an outline of which corners alone are known; none where none run round a circle."""
+    arc = find_arc(corners_mm, covariance_mm2)
+    if arc is None:
+        return ()
+    on_arc = np.arange(arc.first, arc.first + arc.count + (arc.count == len(corners_mm))) % len(corners_mm)
+    return ring_elements(corners_mm, [corners_mm[on_arc]])
+
+
+_Stretch = tuple[int, int, float, float, Array, Array]
+"""First and last corner, sweep, radius, and the directions (2,) at either end of an element."""
+
+
+def _walk(flat: Array, known: dict[int, tuple[int, Array]], start: int) -> list[_Stretch]:
+    """Return the elements once round corners (N, 2) from one on; none where an arc leads beyond it."""
+    found, at, left = list[_Stretch](), start, len(flat)
+    while left > 0:
+        last, points = known.get(at, ((at + 1) % len(flat), np.zeros((0, 2))))
+        if at in known:
+            centre, radius, _ = fit_circle(points)
+            sweep = _sector(points, centre)
+            begin, end = (np.sign(sweep) * np.array([-y, x]) for x, y in (points[[0, -1]] - centre).tolist())
+            found.append((at, last, sweep, radius, begin, end))
+        else:
+            way = flat[last] - flat[at]
+            found.append((at, last, 0.0, 0.0, way, way))
+        left -= (last - at) % len(flat)
+        at = last
+    return found if left == 0 else []
+
+
+def _turned(ring: list[_Stretch]) -> tuple[Element, ...]:
+    """Elements with the turns between them."""
+    found = list[Element]()
+    for (first, last, sweep, radius, _, end), (*_, begin, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
+        turn = np.arctan2(end[0] * begin[1] - end[1] * begin[0], end @ begin)
+        found.append(Element(first, last, sweep, radius, float(turn)))
+    return tuple(found)
+
+
 def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
     """The longest run of at least seven corners on one circle, or None. (N, 3) mm, (N, 3, 3) mm^2."""
     n = len(corners_mm)
     if n < MIN_CORNERS:
         return None
-    flat = _in_plane(corners_mm)
+    origin, axes = _plane(corners_mm)
+    flat = (corners_mm - origin) @ axes.T
     most_mm = ROUND_MM + ROUND_SIGMAS * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
     runs = [(n, 0, True), *((count, first, False) for count in range(n, MIN_CORNERS - 1, -1) for first in range(n))]
     for count, first, closed in runs:  # all corners of a D lie on its circle, and its straight side does not
@@ -45,33 +124,13 @@ def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
     return None
 
 
-def arc_name(corners_mm: Array, covariance_mm2: Array) -> str | None:
-    """`arc360` for a disc, `arc180` for a facet with a half circle in its outline, and so on; None without an arc."""
-    arc = find_arc(corners_mm, covariance_mm2)
-    if arc is None:
-        return None
-    return f"arc{NAME_STEP_DEG * round(np.rad2deg(arc.sector_rad) / NAME_STEP_DEG)}"
-
-
-def arc_names(arcs: Sequence[Array]) -> tuple[str, ...]:
-    """Return the names, as `arc_name` does, of a facet whose arcs are known, points (K, 3) mm along each from end to
-    end: of the longest, the likeliest first; two where its sector is near to the limit of a step."""
-    degrees = max(np.rad2deg(_sector_of(_in_plane(points))) for points in arcs) / NAME_STEP_DEG
-    steps = dict.fromkeys(int(np.clip(round(degrees + off), 1, 360 / NAME_STEP_DEG)) for off in (0, -UNSURE, UNSURE))
-    return tuple(f"arc{NAME_STEP_DEG * step}" for step in steps)
-
-
-def _sector_of(points: Array) -> float:
-    return abs(_sector(points, fit_circle(points)[0]))
-
-
-def _in_plane(corners: Array) -> Array:
-    normal = newell_normal(corners)
-    centred = corners - corners.mean(0)
-    one = centred[0] - normal * (centred[0] @ normal)
+def _plane(corners: Array) -> tuple[Array, Array]:
+    """The middle (3,) of corners (N, 3), and two unit axes (2, 3) across their normal, anticlockwise."""
+    normal, middle = newell_normal(corners), corners.mean(0)
+    one = corners[0] - middle
+    one = one - normal * (one @ normal)
     one = one / max(float(np.linalg.norm(one)), 1e-9)
-    flat: Array = np.column_stack([centred @ one, centred @ np.cross(normal, one)])
-    return flat
+    return middle, np.stack([one, np.cross(normal, one)])
 
 
 def _turns_evenly(points: Array, centre: Array) -> bool:

@@ -1,30 +1,31 @@
 """The library of 2-D facets and the three levels of typing: number of sides, angles, side ratios.
 
-In: corners with covariance and a library (values; the YAML is read elsewhere). Out: names and type numbers.
+In: corners with covariance, arcs, and a library (values; the YAML is read elsewhere). Out: names and type numbers.
 Tolerances are not constants: each test weighs a deviation by the covariance predicted for these very corners, plus
 what the library allows a real part to deviate from its drawing.
 """
 
-import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from zlib import crc32
 
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Measures, chi_square_limit, measure_each
-from daemon.vision.model.arcs import arc_name
+from daemon.vision.geometry import Measures, Polyhedron, chi_square_limit, measure_each
+from daemon.vision.model.arcs import Element, elements_by_corners, ring_elements
+from daemon.vision.model.ring_names import READINGS, outline_name, rounded_corners, rounded_name
 
 Value = float | str
 LARGEST_NUMBER = 0.85  # of a library type; above lie the numbers of facets the library lacks
-ARC_NUMBERS = 0.005  # the numbers of arcs lie within so much above that
+ARC_NUMBERS = 0.005  # the numbers of `arc<degrees>` lie within so much above that
 LEVEL_SIGMAS = 6.0  # an angle off by more fails level two, whatever the rest says
 FALSE_ALARM = 1e-4  # how rarely a true square may fail to be called one
 SIGMA_SCALE = 1.5  # how far predicted corner errors may be too small before typing suffers
-POLYGONS = ("triangle", "quadrilateral", "pentagon", "hexagon", "heptagon", "octagon", "nonagon", "decagon")
-"""Names of facets of three sides and more that the library does not have."""
+RESOLVED_MM, DOUBTFUL_MM = 2.5, 5.0
+"""Radius from which on a look can tell a rounded corner from a sharp one, and from which on it always does."""
+STEP_MM = 1e-3  # by which ends of sides are moved to see how their lines meet
 
 
 @dataclass(frozen=True)
@@ -88,38 +89,115 @@ class Typing:
     dof: int
 
 
-def type_facet(corners_mm: Array, covariance_mm2: Array, library: FacetLibrary) -> tuple[Typing, ...]:
+def type_facet(
+    corners_mm: Array, covariance_mm2: Array, library: FacetLibrary, arcs_mm: Sequence[Array] = ()
+) -> tuple[Typing, ...]:
     """Every type the facet may have, the most particular first: a square before a rectangle. Never empty.
 
-    corners_mm (N, 3), covariance_mm2 (N, 3, 3). What no library type fits is `polygon<N>`, or `arc<degrees>` where
-    its corners run round one circle. Source: D'Souza, section 4.4.2.
+    corners_mm (N, 3), those of chords among them, covariance_mm2 (N, 3, 3); arcs_mm: points (K, 3) along each arc of
+    the outline. What no library type fits is `polygon<N>`; with arcs it is named by them, see ring_names.py. Source:
+    D'Souza, section 4.4.2.
     """
-    return types_of_each([corners_mm], [covariance_mm2], library)[0]
+    return types_of_each([corners_mm], [covariance_mm2], library, [arcs_mm])[0]
 
 
 def types_of_each(
-    corners_mm: Sequence[Array], covariance_mm2: Sequence[Array], library: FacetLibrary
+    corners_mm: Sequence[Array],
+    covariance_mm2: Sequence[Array],
+    library: FacetLibrary,
+    arcs_mm: Sequence[Sequence[Array]] | None = None,
 ) -> list[tuple[Typing, ...]]:
-    """Return the types of many facets, as `types_of` does of one."""
-    each = zip(corners_mm, covariance_mm2, measure_each(corners_mm), strict=True)
+    """Return the types of many facets, as `type_facet` does of one."""
+    arcs = arcs_mm or [()] * len(corners_mm)
+    each = zip(corners_mm, covariance_mm2, measure_each(corners_mm), arcs, strict=True)
     return [_types_of(*facet, library) for facet in each]
 
 
+def with_types_of_arcs(solid: Polyhedron, library: FacetLibrary) -> Polyhedron:
+    """The solid with its facets that have arcs named by them; other types stay."""
+    types = list(solid.types)
+    for facet in {arc.facet for arc in solid.arcs}:
+        own, ring = [arc.points_mm for arc in solid.arcs if arc.facet == facet], solid.rings[facet]
+        types[facet] = type_facet(solid.corners_mm[ring], solid.covariance_mm2[ring], library, own)[0].name
+    return replace(solid, types=tuple(types))
+
+
 def _types_of(
-    corners_mm: Array, covariance_mm2: Array, measures: Measures, library: FacetLibrary
+    corners_mm: Array, covariance_mm2: Array, measures: Measures, arcs_mm: Sequence[Array], library: FacetLibrary
 ) -> tuple[Typing, ...]:
     sides = len(corners_mm)
+    ring = ring_elements(corners_mm, arcs_mm) if arcs_mm else ()
+    fits = () if ring else _straight_types(covariance_mm2, measures, library)
+    if fits:
+        return fits
+    ring = ring or elements_by_corners(corners_mm, covariance_mm2)
+    if ring:
+        return _round_types(corners_mm, covariance_mm2, ring, library)
+    return (_other(f"polygon{sides}"),)
+
+
+def _straight_types(covariance_mm2: Array, measures: Measures, library: FacetLibrary) -> tuple[Typing, ...]:
+    """The library's types that a facet without arcs may have."""
+    sides = len(covariance_mm2)
     candidates = library.by_sides.get(sides, ())
-    if candidates:
-        covariance = measures.covariance(covariance_mm2) * SIGMA_SCALE**2
-        covariance[np.diag_indices(sides)] += library.angle_tolerance_rad**2
-        ends = np.arange(sides, 2 * sides)
-        covariance[ends, ends] += library.ratio_tolerance**2
-        fits = [t for t in (_test(kind, measures, covariance) for kind in candidates) if t]
-        if fits:
-            return tuple(sorted(fits, key=lambda t: (-t.dof, t.chi2)))
-    name = arc_name(corners_mm, covariance_mm2) or f"polygon{sides}"
-    return (Typing(name, _other_number(name), 0.0, 0),)
+    if not candidates:
+        return ()
+    covariance = measures.covariance(covariance_mm2) * SIGMA_SCALE**2
+    covariance[np.diag_indices(sides)] += library.angle_tolerance_rad**2
+    ends = np.arange(sides, 2 * sides)
+    covariance[ends, ends] += library.ratio_tolerance**2
+    fits = [t for t in (_test(kind, measures, covariance) for kind in candidates) if t]
+    return tuple(sorted(fits, key=lambda t: (-t.dof, t.chi2)))
+
+
+def _round_types(
+    corners_mm: Array, covariance_mm2: Array, ring: Sequence[Element], library: FacetLibrary
+) -> tuple[Typing, ...]:
+    """The types of a facet with arcs, in every way it can be read; without what a look cannot resolve, and then without
+    what it can hardly resolve."""
+    found = dict[str, Typing]()
+    sharp = tuple[Typing, ...]()
+    for least_mm in (RESOLVED_MM, DOUBTFUL_MM):
+        for reading in READINGS:
+            rounded = rounded_corners(ring, reading)
+            if rounded is None:
+                name = outline_name(ring, reading)
+                found.setdefault(name, _other(name))
+                continue
+            sharp = sharp or _sharp_types(corners_mm, covariance_mm2, ring, library)
+            radii = [ring[(k + 1) % len(ring)].radius_mm for k, one in enumerate(ring) if one.straight]
+            for base in sharp:
+                name = rounded_name(base.name, [radius >= least_mm for radius in radii])
+                found.setdefault(name, Typing(name, type_number(name, library), base.chi2, base.dof))
+    return tuple(found.values())
+
+
+def _sharp_types(
+    corners_mm: Array, covariance_mm2: Array, ring: Sequence[Element], library: FacetLibrary
+) -> tuple[Typing, ...]:
+    """The types of the polygon that the straight sides of a ring bound, whose corners arcs round."""
+    sides = [one for one in ring if one.straight]
+    corners, spread = list[Array](), list[Array]()
+    for one, after in zip(sides, [*sides[1:], *sides[:1]], strict=True):
+        if one.last == after.first:
+            corners.append(corners_mm[one.last])
+            spread.append(covariance_mm2[one.last])
+            continue
+        ends = [one.first, one.last, after.first, after.last]
+        moved = corners_mm[ends].ravel() + STEP_MM * np.vstack([np.zeros(12), np.eye(12)])
+        met = _met(moved.reshape(-1, 4, 3))
+        rows = ((met[1:] - met[0]) / STEP_MM).reshape(4, 3, 3)
+        corners.append(met[0])
+        spread.append((rows.swapaxes(1, 2) @ covariance_mm2[ends] @ rows).sum(0))
+    return type_facet(np.array(corners), np.array(spread), library)
+
+
+def _met(ends: Array) -> Array:
+    """(M, 3) where the lines through ends (M, 4, 3), two each, are nearest to each other, on the first."""
+    one, other, apart = ends[:, 1] - ends[:, 0], ends[:, 3] - ends[:, 2], ends[:, 0] - ends[:, 2]
+    a, b, c = (one * one).sum(1), (one * other).sum(1), (other * other).sum(1)
+    share = (b * (other * apart).sum(1) - c * (one * apart).sum(1)) / np.maximum(a * c - b * b, 1e-12)
+    return np.asarray(ends[:, 0] + share[:, None] * one)
 
 
 def conditions(measures: Measures, name: str, library: FacetLibrary) -> tuple[Array, Array]:
@@ -145,28 +223,17 @@ def type_number(name: str, library: FacetLibrary) -> float:
     return kind.number if kind else _other_number(name)
 
 
-def facet_name(kind: str) -> str:
-    """A type as people call it: `polygon6` is a hexagon, `polygon11` an 11-sided polygon, `arc90` a 90-degree arc."""
-    other = re.fullmatch(r"(polygon|arc)(\d+)", kind)
-    if other is None:
-        return kind.replace("_", " ")
-    number = int(other[2])
-    if other[1] == "arc":
-        return f"{number}-degree arc"
-    return POLYGONS[number - 3] if 3 <= number < len(POLYGONS) + 3 else f"{number}-sided polygon"
-
-
-def facets_counted(kinds: Iterable[str], joined: str = ", ") -> str:
-    """`5 rectangles, 1 hexagon`, the most frequent type first."""
-    counted = Counter(facet_name(kind) for kind in kinds).most_common()
-    return joined.join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counted)
+def _other(name: str) -> Typing:
+    return Typing(name, _other_number(name), 0.0, 0)
 
 
 def _other_number(name: str) -> float:
-    digits = int("".join(c for c in name if c.isdigit()) or "0")
-    if name.startswith("arc"):
-        return LARGEST_NUMBER + ARC_NUMBERS * digits / 360
-    return 1.0 - 1.0 / (digits + 4.0)
+    """Return the number of a type that the library lacks: `arc<degrees>` is one of models of earlier releases."""
+    if name.startswith("arc") and name[3:].isdigit():
+        return LARGEST_NUMBER + ARC_NUMBERS * int(name[3:]) / 360
+    if name.startswith("polygon") and name[7:].isdigit():
+        return 1.0 - 1.0 / (int(name[7:]) + 4.0)
+    return 1.0 - (1.0 - LARGEST_NUMBER - ARC_NUMBERS) * (crc32(name.encode()) + 1.0) / (2**32 + 1)
 
 
 def _test(kind: FacetType, measures: Measures, covariance: Array) -> Typing | None:

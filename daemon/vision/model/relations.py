@@ -13,7 +13,6 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.art import RelationalView
 from daemon.vision.geometry import Measures, Polyhedron, cross, measure_each
-from daemon.vision.model.arcs import arc_names
 from daemon.vision.model.facet_types import FacetLibrary, type_number, types_of_each
 from daemon.vision.values import Facet
 
@@ -32,10 +31,8 @@ _SPAN = float(np.log(LONGEST_MM / SHORTEST_MM))
 def types_of(facets: Iterable[Facet], library: FacetLibrary) -> tuple[tuple[str, ...], ...]:
     """Every type that each facet may have, the most particular first."""
     every = tuple(facets)
-    kinds = types_of_each([f.corners_mm for f in every], [f.covariance_mm2 for f in every], library)
-    return tuple(
-        arc_names(f.arcs) if f.arcs else tuple(kind.name for kind in own) for f, own in zip(every, kinds, strict=True)
-    )
+    corners, covariance, arcs = ([getattr(f, own) for f in every] for own in ("corners_mm", "covariance_mm2", "arcs"))
+    return tuple(tuple(kind.name for kind in own) for own in types_of_each(corners, covariance, library, arcs))
 
 
 def relational_view(

@@ -81,8 +81,9 @@ def with_arcs(kind: str) -> tuple[Facet, ...]:
 
 
 @pytest.mark.parametrize(("kind", "sides", "arcs", "name"), [
-    ("disc", 12, 1, "arc360"), ("knob", 11, 1, "arc300"), ("half", 9, 1, "arc180"), ("stadium", 14, 2, "arc180"),
-    ("corner", 7, 1, "arc90"), ("square", 16, 4, "arc90"),
+    ("disc", 12, 1, "disc"), ("knob", 11, 1, "d_shape_300"), ("half", 9, 1, "rectangle_with_a_round_end"),
+    ("stadium", 14, 2, "stadium"), ("corner", 7, 1, "square_with_1_rounded_corner"),
+    ("square", 16, 4, "rounded_square"),
 ])  # fmt: skip
 def test_arcs_are_elements_of_a_facet_seen(kind: str, sides: int, arcs: int, name: str) -> None:
     (seen,) = with_arcs(kind)
@@ -112,7 +113,7 @@ def test_a_drawing_with_arcs_is_recalled_by_facets_seen() -> None:
     model = taught_from({"half": one})
     (found,) = (part for part in recognise_groups(view("half").groups, model) if len(part.group.facets) > 1)
     assert found.label == "half"
-    assert {"arc180"} < {facet.type for facet in found.part.facets}
+    assert {"rectangle_with_a_round_end"} < {facet.type for facet in found.part.facets}
     there = TOWARDS @ drawing_from_taught(one, model.metric["half"].solid)
     corners = model.metric["half"].solid.corners_mm
     measured = frames.apply(found.part.cyclopean_from_part, corners)
@@ -124,7 +125,7 @@ def test_what_is_taught_by_looking_keeps_its_arcs() -> None:
     group = next(group for group in view("half").groups if len(group.facets) > 1)
     solid = learn_view(empty_model(load_facets()), group, "half").metric["half"].solid
     (arc,) = solid.arcs
-    assert solid.types[arc.facet] == "arc180"
+    assert solid.types[arc.facet] == "rectangle_with_a_round_end"
     assert np.count_nonzero(solid.circles[:, 3]) == len(solid.facets[arc.facet]) - 3
     assert solid.circles[:, 3].max() == pytest.approx(RADIUS, rel=0.02)
 

@@ -70,7 +70,7 @@ def test_a_drawings_arcs_are_kept_with_the_chords_that_stand_for_them() -> None:
     for arc in solid.arcs:
         away = np.linalg.norm((arc.points_mm - centre())[:, :2], axis=1)
         assert away == pytest.approx(np.full(len(away), RADIUS_MM), abs=0.02)
-        assert solid.types[arc.facet] == "arc180"
+        assert solid.types[arc.facet] == "rectangle_with_a_round_end"
     on_arc = solid.circles[:, 3] > 0
     middles = solid.corners_mm[solid.lines[0]].mean(1) - centre()
     assert on_arc.sum() >= 8
