@@ -51,8 +51,9 @@ class Facet:
     corners_mm (N, 3) in the cyclopean frame; covariance_mm2 (N, 3, 3); left_px, right_px (N, 2) distorted px, corner by
     corner; epipolar_px (N,) distance of each right corner from its epipolar line; planarity_mm rms distance of the
     corners from their best plane; type is the facet library's name, `polygon<N>` where it has none, or what
-    ring_names.py calls an outline with arcs; type_number in (0, 1) (thesis section 4.4.1), 0 while untyped. arcs: points (K, 3) mm along each arc of its
-    outline, from end to end; among the corners chords stand for it, as OutlineArc says.
+    ring_names.py calls an outline with arcs; type_number in (0, 1) (thesis section 4.4.1), 0 while untyped. arcs:
+    points (K, 3) mm along each arc of its outline, from end to end; among the corners chords stand for it, as
+    OutlineArc says.
     """
 
     corners_mm: Array
