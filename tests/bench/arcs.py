@@ -3,9 +3,9 @@
 Discs, knobs, half discs, stadiums, quarters and blocks with a bore, each taught from drawings in three sizes whose
 radii are SIZES of the middle one's and all else alike; the middle one lies on the simulated cell's table, half of the
 tables patterned, half of the parts printed. Typed: of the facets with an arc in their outline that both cameras meet
-under 60 degrees, those that a look without a model gives the drawing's type. Circles: of all arcs, bores' as well,
-those that both cameras show as a circle, and its radius. Named: with all three taught, and the other two as strangers.
-Where: corners, and centres of arcs and bores, of named parts.
+under 60 degrees, those that may have the drawing's type in a look without a model. Circles: of all arcs, bores' as
+well, those that both cameras show as a circle, and its radius. Named: with all three taught, and the other two as
+strangers. Where: corners, and centres of arcs and bores, of named parts.
 
 usage: python -m tests.bench arcs, or python -m tests.bench.arcs [SEEDS [FIRST]]
 """
@@ -22,12 +22,13 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.main import tame_malloc
+from daemon.store.library import load_facets
 from daemon.vision.facets import find_circles
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses.circles import rims_of
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
-from daemon.vision.model import symmetries
+from daemon.vision.model import empty_model, symmetries, types_of
 from tests.bench.machined import Look, on_table
 from tests.fakes.drawn import obj, prism
 from tests.fakes.holed import holed_block, rounded
@@ -120,7 +121,8 @@ def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, li
 def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> None:
     """Whether pictures without a model type the arcs that they show well, and their radii as circles in space."""
     cameras = open_stereo(shown.left, shown.right, shown.rig)
-    facets = [facet for part in look(shown.left, shown.right, shown.rig).parts for facet in part.facets]
+    nothing = empty_model(load_facets())
+    facets = [facet for part in look(shown.left, shown.right, shown.rig, nothing).parts for facet in part.facets]
     rims, kinds = rims_of(solid), {solid.types[arc.facet] for arc in solid.arcs}
     seen = find_circles(cameras, np.array([rim.radius_mm for rim in rims]))
     for rim in rims:
@@ -132,8 +134,8 @@ def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> 
         if rim.outer:
             tally.outer += 1
             tally.typed += any(
-                facet.type in kinds and np.linalg.norm(facet.corners_mm.mean(0) - centre) < 2 * rim.radius_mm
-                for facet in facets
+                kinds.intersection(names) and np.linalg.norm(facet.corners_mm.mean(0) - centre) < 2 * rim.radius_mm
+                for facet, names in zip(facets, types_of(facets, nothing.library), strict=True)
             )
         near = [
             abs(one.radius_mm / rim.radius_mm - 1) for one in seen if np.linalg.norm(one.centre_mm - centre) < NEAR_MM

@@ -22,7 +22,7 @@ POLYGONS = ("triangle", "quadrilateral", "pentagon", "hexagon", "heptagon", "oct
 """Names of facets of three sides and more that the library does not have."""
 
 
-class Reading(NamedTuple):
+class RingReading(NamedTuple):
     """How a ring is read: up to which turn, rad, an arc touches its neighbour, and by how much, in steps, its sweeps
     are larger than measured."""
 
@@ -30,11 +30,17 @@ class Reading(NamedTuple):
     steps: float = 0.0
 
 
-READINGS = Reading(), Reading(steps=-UNSURE), Reading(steps=UNSURE), Reading(SMOOTH / 2), Reading(1.5 * SMOOTH)
+READINGS = (
+    RingReading(),
+    RingReading(steps=-UNSURE),
+    RingReading(steps=UNSURE),
+    RingReading(SMOOTH / 2),
+    RingReading(1.5 * SMOOTH),
+)
 """The likeliest first. Near the limit of a step, or of touching, they differ."""
 
 
-def rounded_corners(ring: Sequence[Element], reading: Reading) -> tuple[bool, ...] | None:
+def rounded_corners(ring: Sequence[Element], reading: RingReading) -> tuple[bool, ...] | None:
     """Whether an arc rounds the corner behind each straight side of a ring; None where it has other arcs."""
     beside = [(ring[k - 1], one, ring[(k + 1) % len(ring)]) for k, one in enumerate(ring)]
     rounds = all(
@@ -62,7 +68,7 @@ def rounded_name(polygon: str, rounded: Sequence[bool]) -> str:
     return f"{polygon}_with_rounded_corners_{'_'.join(map(str, which[:-1]))}_and_{which[-1]}"
 
 
-def outline_name(ring: Sequence[Element], reading: Reading) -> str:
+def outline_name(ring: Sequence[Element], reading: RingReading) -> str:
     """The name of a facet with arcs that are no rounded corners: `stadium`, or its elements in order, `s` a side, `a90`
     and `h90` an arc of 90 degrees that bends outwards and inwards, `~` behind one that touches the next, else `.`."""
     if len(ring) == 1:
@@ -110,7 +116,7 @@ def facets_counted(kinds: Iterable[str], joined: str = ", ") -> str:
     return joined.join(f"{count} {name if count == 1 else _plural(name)}" for name, count in counted)
 
 
-def _degrees(one: Element, reading: Reading) -> int:
+def _degrees(one: Element, reading: RingReading) -> int:
     steps = abs(np.degrees(one.sweep_rad)) / NAME_STEP_DEG + reading.steps
     return NAME_STEP_DEG * int(np.clip(round(steps), 1, 360 / NAME_STEP_DEG))
 

@@ -22,8 +22,9 @@ from daemon.vision.values import Polygon
 
 OFF_PLANE_MM = 3.0
 """A hole's rim is no farther off the plane of the facet that it is in."""
-WITHIN = 0.95
-"""Share of a hole that the facet that it is in covers."""
+WITHIN, SMALLER = 0.95, 0.85
+"""Share of a hole that the facet that it is in covers; and the largest share of that facet that a hole takes: more, and
+both are outlines of one disc."""
 WHOLE = np.radians(330.0)
 """Share of either ellipse that must show for a whole circle to be assumed."""
 SHORTEST_PX, MIN_SUPPORT = 6.0, 0.4
@@ -45,7 +46,7 @@ def is_hole_in(one: Candidate, other: Candidate) -> bool:
     if np.linalg.norm(around[0] - around[-1]) > OFF_PLANE_MM:
         return False
     shapes = (one.left_shape, other.left_shape), (one.right_shape, other.right_shape)
-    if one is other or any(own.area > outer.area or outer.covers(own) < WITHIN for own, outer in shapes):
+    if one is other or any(own.area > SMALLER * outer.area or outer.covers(own) < WITHIN for own, outer in shapes):
         return False
     normal, level = fit_plane(other.facet.corners_mm)
     return bool(np.abs(one.facet.corners_mm @ normal - level).mean() < OFF_PLANE_MM)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -70,97 +71,121 @@ class FittedRing:
     centre_mm: Array
     at: Array
 
-    def moved(self, step: Real) -> FittedRing:
+    def moved(self, steps: Real) -> FittedRing:
         """Its plane moved along its normal, mm, and tilted; its sides turned and moved; its arcs' radii changed, and
-        the centres of those that have one moved: (unknowns,)."""
-        count, normal, arcs, free = len(self.direction), np.cross(*self.axes), self.radius_mm > 0, self.free
-        axes = self.axes + step[1:3, None] * normal
-        axes[0] /= np.linalg.norm(axes[0])
-        axes[1] -= (axes[1] @ axes[0]) * axes[0]
-        axes[1] /= np.linalg.norm(axes[1])
-        turn, out = step[3 : 3 + 2 * count].reshape(2, count)
-        radii, centres = np.split(step[3 + 2 * count :], [int(np.count_nonzero(arcs))])
-        radius, centre = self.radius_mm.copy(), self.centre_mm.copy()
-        radius[arcs] = np.maximum(radius[arcs] + radii, MIN_RADIUS_MM / 2)
-        centre[free] += centres.reshape(-1, 2)
+        the centres of those that have one moved: (unknowns,), or (V, unknowns) of V rings side by side, of which every
+        array has V first."""
+        count, arcs, free = len(self.direction), self.radius_mm > 0, self.free
+        normal = np.cross(*self.axes)
+        first, second = np.moveaxis(self.axes + steps[..., 1:3, None] * normal, -2, 0)
+        first = first / _length(first)
+        second = second - (second * first).sum(-1, keepdims=True) * first
+        turn, out, radii, centres = np.split(
+            steps[..., 3:], np.cumsum([count, count, int(np.count_nonzero(arcs))]), axis=-1
+        )
+        radius = np.broadcast_to(self.radius_mm, turn.shape).copy()
+        centre = np.broadcast_to(self.centre_mm, (*turn.shape, 2)).copy()
+        radius[..., arcs] = np.maximum(radius[..., arcs] + radii, MIN_RADIUS_MM / 2)
+        centre[..., free, :] += centres.reshape(*centres.shape[:-1], -1, 2)
         return FittedRing(
-            self.origin + step[0] * normal, axes, self.direction + turn, self.out_mm + out, radius, centre, self.at
+            self.origin + steps[..., :1] * normal,
+            np.stack([first, second / _length(second)], -2),
+            self.direction + turn,
+            self.out_mm + out,
+            radius,
+            centre,
+            self.at,
         )
 
     @property
     def free(self) -> Flags:
-        """(N,) which arcs have a centre of their own."""
-        return np.isfinite(self.centre_mm[:, 0])
+        """(N,) which arcs have a centre of their own: the same of rings side by side."""
+        return np.asarray(np.isfinite(self.centre_mm.reshape(-1, self.at.shape[0], 2)[0, :, 0]))
+
+    @property
+    def rounded(self) -> Flags:
+        """(N,) behind which sides there is an arc: the same of rings side by side."""
+        return np.asarray(self.radius_mm.reshape(-1, self.at.shape[0])[0] > 0)
 
     @property
     def unknowns(self) -> int:
         """Return how many numbers move it."""
-        arcs, free = np.count_nonzero(self.radius_mm), np.count_nonzero(self.free)
-        return int(3 + 2 * len(self.direction) + arcs + 2 * free)
+        return int(3 + 2 * len(self.at) + np.count_nonzero(self.rounded) + 2 * np.count_nonzero(self.free))
 
-    @property
+    @cached_property
     def directions(self) -> Array:
         """(N, 2) unit, along its sides."""
-        return np.stack([np.cos(self.direction), np.sin(self.direction)], 1)
+        return np.stack([np.cos(self.direction), np.sin(self.direction)], -1)
 
-    @property
+    @cached_property
     def turns(self) -> Array:
         """(N,) by how much the next side is turned from each, rad."""
-        return np.asarray((np.roll(self.direction, -1) - self.direction + np.pi) % (2 * np.pi) - np.pi)
+        return np.asarray((np.roll(self.direction, -1, axis=-1) - self.direction + np.pi) % (2 * np.pi) - np.pi)
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """(N, 2) mm where the line of each side meets that of the next."""
-        way, out, sine = self.directions, self.out_mm[:, None], np.sin(self.turns)[:, None]
+        way, out, sine = self.directions, self.out_mm[..., None], np.sin(self.turns)[..., None]
         sine = np.where(np.abs(sine) < 1e-6, 1e-6, sine)
-        return np.asarray((np.roll(out, -1, axis=0) * way - out * np.roll(way, -1, axis=0)) / sine)
+        return np.asarray((np.roll(out, -1, axis=-2) * way - out * np.roll(way, -1, axis=-2)) / sine)
 
-    @property
+    @cached_property
     def ends(self) -> tuple[Array, Array]:
         """(N, 2) mm each, where its sides begin and end."""
-        way, after = self.directions, np.roll(self.directions, -1, axis=0)
-        tangent = (self.radius_mm * np.tan(np.abs(self.turns) / 2))[:, None]
+        way, after = self.directions, np.roll(self.directions, -1, axis=-2)
+        tangent = (self.radius_mm * np.tan(np.abs(self.turns) / 2))[..., None]
         found = []
         for own, out, touch, at in (
-            (after, np.roll(self.out_mm, -1), self.corners + tangent * after, self.at[:, 1]),
+            (after, np.roll(self.out_mm, -1, axis=-1), self.corners + tangent * after, self.at[:, 1]),
             (way, self.out_mm, self.corners - tangent * way, self.at[:, 0]),
         ):
-            normal = np.stack([own[:, 1], -own[:, 0]], 1)
-            off = out - (normal * self.centre_mm).sum(1)
+            normal = np.stack([own[..., 1], -own[..., 0]], -1)
+            off = out - (normal * self.centre_mm).sum(-1)
             half = np.sqrt(np.maximum(self.radius_mm**2 - off**2, 0.0))
-            on_circle = self.centre_mm + off[:, None] * normal + (at * half)[:, None] * own
+            on_circle = self.centre_mm + off[..., None] * normal + (at * half)[..., None] * own
             found.append(np.where(self.free[:, None], on_circle, touch))
-        return np.roll(found[0], 1, axis=0), found[1]
+        return np.roll(found[0], 1, axis=-2), found[1]
 
-    @property
+    @cached_property
     def arcs(self) -> tuple[Array, Array, Array]:
         """Return the R arcs of the ring: centre (R, 2), and begin and sweep (R,), rad, anticlockwise."""
-        begin, end = self.ends
-        begin, arcs = np.roll(begin, -1, axis=0), self.radius_mm > 0
-        inward = np.stack([-self.directions[:, 1], self.directions[:, 0]], 1)
-        centre = np.where(self.free[:, None], self.centre_mm, end + self.radius_mm[:, None] * inward)[arcs]
-        first, last = (np.arctan2(*(own[arcs] - centre).T[::-1]) for own in (end, begin))
+        (begin, end), arcs = self.ends, self.rounded
+        begin = np.roll(begin, -1, axis=-2)
+        inward = np.stack([-self.directions[..., 1], self.directions[..., 0]], -1)
+        touching = end + self.radius_mm[..., None] * inward
+        centre = np.where(self.free[:, None], self.centre_mm, touching)[..., arcs, :]
+        first, last = (
+            np.arctan2(off[..., 1], off[..., 0]) for off in (own[..., arcs, :] - centre for own in (end, begin))
+        )
         return centre, first, (last - first) % (2 * np.pi)
 
     def is_sound(self) -> bool:
         """Whether it turns behind each side, and something is left of it between its arcs."""
         begin, end = self.ends
         turned = np.where(self.free, np.inf, np.abs(self.turns))
-        turned[self.free] = self.arcs[2][self.free[self.radius_mm > 0]] - ROUND
+        turned[self.free] = self.arcs[2][self.free[self.rounded]] - ROUND
         return bool((((end - begin) * self.directions).sum(1) > 0).all() and (turned > MIN_TURN).all())
 
     def places(self) -> tuple[Array, Array]:
         """(P, 3) mm, cyclopean, all along it; and (P, 3) a little farther on each. Those of the sides come first."""
         begin, end = self.ends
         share = (np.arange(ON_SIDE) + 0.5)[:, None] / ON_SIDE
-        sides = (begin[:, None] + share * (end - begin)[:, None]).reshape(-1, 2)
+        sides = begin[..., None, :] + share * (end - begin)[..., None, :]
         centre, first, sweep = self.arcs
-        angle = first[:, None] + sweep[:, None] * ((np.arange(ON_ARCS) + 0.5) / ON_ARCS)
-        out = np.stack([np.cos(angle), np.sin(angle)], 2)
-        round_ = (centre[:, None] + self.radius_mm[self.radius_mm > 0, None, None] * out).reshape(-1, 2)
-        along = np.stack([-out[..., 1], out[..., 0]], 2).reshape(-1, 2)
-        at, way = np.concatenate([sides, round_]), np.concatenate([np.repeat(self.directions, ON_SIDE, axis=0), along])
-        return self.origin + at @ self.axes, self.origin + (at + STEP * way) @ self.axes
+        angle = first[..., None] + sweep[..., None] * ((np.arange(ON_ARCS) + 0.5) / ON_ARCS)
+        out = np.stack([np.cos(angle), np.sin(angle)], -1)
+        round_ = centre[..., None, :] + self.radius_mm[..., self.rounded, None, None] * out
+        along = np.stack([-out[..., 1], out[..., 0]], -1)
+        ways = np.repeat(self.directions, ON_SIDE, axis=-2)
+        lead = ways.shape[:-2]
+        at = np.concatenate([sides.reshape(*lead, -1, 2), round_.reshape(*lead, -1, 2)], -2)
+        way = np.concatenate([ways, along.reshape(*lead, -1, 2)], -2)
+        origin = self.origin[..., None, :]
+        return origin + at @ self.axes, origin + (at + STEP * way) @ self.axes
+
+
+def _length(of: Array) -> Array:
+    return np.asarray(np.linalg.norm(of, axis=-1, keepdims=True))
 
 
 def fitted_rings(images: StereoImages, rough: Sequence[Sequence[RoughPolygon]]) -> list[FittedRing]:
@@ -320,15 +345,12 @@ def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float
     for reach in REACHES_PX:
         if not now.is_sound():
             return now, 0.0
-        rows, misses, counts, shown = list[Array](), list[Array](), list[Array](), list[Array]()
-        variants = [now, *(now.moved(step) for step in np.diag(steps))]
+        misses, counts, shown, across = list[Array](), list[Array](), list[Array](), list[Array]()
         at, on = now.places()
-        points = np.concatenate([on, *(one.places()[0] for one in variants)])
-        for view, ideal in zip(images.views, images.geometry.project(points), strict=True):
-            on_px, px, *moved = view.rectified.pixels(ideal).reshape(-1, len(at), 2)
+        for view, ideal in zip(images.views, images.geometry.project(np.concatenate([on, at])), strict=True):
+            on_px, px = view.rectified.pixels(ideal).reshape(2, len(at), 2)
             along = on_px - px
             normal = np.stack([along[:, 1], -along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
-            moves = np.stack([((one - px) * normal).sum(1) / step for one, step in zip(moved, steps, strict=True)], 1)
             offsets = np.arange(-reach - 0.5, reach + 1.0)
             slopes = np.abs(slopes_across(levels_across(view.smooth, px, normal, offsets, _ROWS_PX))) / view.grain
             edge = np.where(peaks(slopes, EDGE_SIGMAS), slopes[:, 1:-1], 0.0)
@@ -336,15 +358,20 @@ def _fitted(sketch: FittedRing, images: StereoImages) -> tuple[FittedRing, float
             off = best - reach + peak_places(slopes, best)[1]
             there = edge.max(1) > 0
             shown.append(there & (np.abs(off) < max(ON_PX, reach - 3)))
-            rows, misses = [*rows, moves], [*misses, off]
+            misses, across = [*misses, off], [*across, np.stack([px, normal])]
             counts.append(there * robust_weight(off**2 / EDGE_PX**2))
+        if np.mean(shown) < MIN_AT_FIRST:
+            return now, 0.0
+        moved = now.moved(np.diag(steps)).places()[0].reshape(-1, 3)
+        moves = [
+            ((view.rectified.pixels(ideal).reshape(size, len(at), 2) - px) * normal).sum(2).T / steps
+            for view, ideal, (px, normal) in zip(images.views, images.geometry.project(moved), across, strict=True)
+        ]
         blocks = (
-            np.concatenate(rows)[None, :, None],
+            np.concatenate(moves)[None, :, None],
             np.concatenate(misses)[None, :, None],
             np.concatenate(counts)[None],
         )
-        if np.mean(shown) < MIN_AT_FIRST:
-            return now, 0.0
         fit = solve(*blocks, HELD * np.eye(size))
         if np.linalg.cond(fit.held[0]) > MAX_CONDITION:
             return now, 0.0

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.facets import find_facets
-from daemon.vision.facets.one_look.arc_rings import round_facets
+from daemon.vision.facets.one_look.arc_rings import is_hole_in, round_facets
 from daemon.vision.geometry import Hole, Polyhedron, circle_along, exact, newell_normal
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import empty_model, learn_view, symmetries, types_of
@@ -140,6 +140,11 @@ def test_a_bore_is_no_facet_of_its_own() -> None:
     left, right = paint_pair([(bored, TOWARDS)], np.random.default_rng(2), rig())
     assert round_facets(open_stereo(left, right, rig()), VisionSettings())
     assert not any(f.arcs for group in find_facets(left, right, rig()).groups for f in group.facets)
+
+
+def test_a_disc_is_no_hole_in_its_own_outline_of_straight_sides() -> None:
+    (one,) = (found for found in round_facets(painted("disc"), VisionSettings()) if found.facet.arcs)
+    assert not is_hole_in(one, replace(one, facet=replace(one.facet, arcs=())))
 
 
 def test_polyhedra_have_no_arcs() -> None:

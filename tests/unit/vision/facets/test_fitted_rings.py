@@ -59,3 +59,10 @@ def test_a_ring_moves_by_what_its_unknowns_say() -> None:
     assert moved.ends[1][0] == pytest.approx([10.0 - 4.5, -11.0])
     lowest = [flat(own)[:, 1].min() for own in (one, moved)]
     assert lowest == pytest.approx([-10.0, -11.0])
+
+
+@pytest.mark.parametrize("one", [block(4.0), ring([0], [3.0], [5.0], [[0.0, 0.0]])])
+def test_rings_moved_side_by_side_move_as_each_alone(one: FittedRing) -> None:
+    steps = np.random.default_rng(1).normal(0, 0.1, (3, one.unknowns))
+    for own, together in zip(map(one.moved, steps), one.moved(steps).places()[0], strict=True):
+        np.testing.assert_allclose(own.places()[0], together, atol=1e-9)
