@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from drivers.val2.interleaved import SHORTEST_TYPED, answers_search, typed_behind, typed_beside
+from drivers.val2.interleaved import SHORTEST_TYPED, answers_search, follows_search, typed_behind, typed_beside
 from tests.bench.others_typing import noise, shares, typed_beside_by
 
 OURS = "DO MOVE TRANS(522.00,1.00,-101.00,0.000,80.000,0.000)"
@@ -56,6 +56,23 @@ def test_what_was_typed_to_find_the_prompt_and_two_letters_of_noise_are_nobodys_
     heard: str, cancel: bytes, ours: bool
 ) -> None:
     assert answers_search(heard, cancel) is ours
+
+
+@pytest.mark.parametrize(
+    ("back", "late"),
+    [
+        (b"^U\r\n.SPEED", True),
+        (b"^U!!\r\n*Illegal command*\r\n. SPEED 40", True),
+        (b"DO CLOSEI\r\n.SPEED", False),
+        (b"^U\r\n.DO CLOSEI\r\n.SPEED", False),
+        (b"^U\r\n.SPEED 1", False),
+        (b"^U\r\n.xSPEED", False),
+    ],
+)
+def test_an_echo_is_behind_a_late_search_where_nothing_but_that_is_before_it_and_it_is_ours(
+    back: bytes, late: bool
+) -> None:
+    assert follows_search(b"SPEED 40", back, b"\x15") is late
 
 
 def spoiled(line: bytes, at: int, harm: str, instead: int) -> bytes:

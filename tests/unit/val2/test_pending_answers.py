@@ -219,3 +219,16 @@ def test_on_opening_a_prompt_that_comes_late_is_not_somebody_elses_letters() -> 
         return raised.value.message
 
     assert "somebody" not in lived(story())
+
+
+def test_a_search_owes_its_echo_until_that_comes_or_a_line_is_answered() -> None:
+    answers = PendingAnswers(lambda: 0.0, 60.0)
+    answers.search_typed([b"^U"])
+    assert not answers.owes_search_echo, "no key of this controller came back with a caret yet"
+    answers.search_heard(b"^U\r\n.")
+    answers.search_typed([b"^U", b"!!"])
+    assert answers.owes_search_echo
+    answers.search_heard(b"!!")
+    assert answers.owes_search_echo
+    answers.line_answered()
+    assert not answers.owes_search_echo
