@@ -191,6 +191,26 @@ def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_i
     assert lived(story()).count("SPEED 5") == (2 if raised is None else 1)
 
 
+def test_what_is_reported_while_a_reading_behind_a_lost_answer_is_lost_as_well_is_not_lost() -> None:
+    async def story() -> None:
+        lost: list[str] = []
+
+        def says(line: str, nth: int) -> str:
+            if lost and line in lost:
+                port.at_first = "\r\n*Arm power off*" + PROMPT if line == "WHERE" else PROMPT
+                return ""
+            return usual(line, nth)
+
+        port = Scripted(says)
+        link = linked(port)
+        await link.open()
+        lost += ["DO MOVE #A", "WHERE"]
+        with pytest.raises(ControllerError, match="Arm power off"):
+            await link.command("DO MOVE #A", timeout_s=1.0)
+
+    lived(story())
+
+
 def test_a_link_that_was_let_go_has_no_line_and_has_seen_no_stop_and_one_opened_anew_found_no_arm_at_work() -> None:
     async def story() -> None:
         link = linked(Scripted(usual))
