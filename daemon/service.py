@@ -361,7 +361,8 @@ class Service:
         """Show a record of the log at the frontends that want it."""
         if self.context is not None:
             level = NoticeLevel.ALL if kind in ("command", "model") else NoticeLevel.FAULTS
-            self.context.notices.tell(text, level, who if level is NoticeLevel.ALL else None)
+            by = who if level is NoticeLevel.ALL else None
+            self.context.notices.tell(text, level, by, refusal=kind == "refusal")
 
     def _notice(self, text: str) -> None:
         """Show a notice at every frontend."""

@@ -54,12 +54,18 @@ class Notices:
     def set_level(self, frontend: object, level: NoticeLevel) -> None:
         self._levels[id(frontend)] = level
 
-    def tell(self, text: str, level: NoticeLevel = NoticeLevel.FAULTS, by: str | None = None) -> None:
+    def tell(
+        self,
+        text: str,
+        level: NoticeLevel = NoticeLevel.FAULTS,
+        by: str | None = None,
+        refusal: bool = False,
+    ) -> None:
         """Show a notice at every frontend of that level, except its originator's and those whose answer will say the
-        same."""
+        same. refusal: a move was refused; the operator who waits for the end of a motion reads that in the answer."""
         for frontend in list(self._frontends):
             shows = self._levels.get(id(frontend), NoticeLevel.OUTCOMES)
-            answered = level is NoticeLevel.OUTCOMES and any(frontend is waiting for waiting in self._waiting)
+            answered = (refusal or level is NoticeLevel.OUTCOMES) and any(frontend is waiting for waiting in self._waiting)
             own = any(frontend is stopping and text in texts for stopping, texts in self._stopping)
             if level > shows or answered or own or (by is not None and by == getattr(frontend, "who", None)):
                 continue

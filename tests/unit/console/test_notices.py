@@ -73,6 +73,18 @@ def test_who_waits_for_an_outcome_hears_faults_but_not_the_outcome() -> None:
     assert other.heard == ["picked: cube", "STOPPED by ann", "picked: pyramid"]
 
 
+def test_who_waits_for_a_motion_reads_its_refusal_in_the_answer_and_others_in_a_notice() -> None:
+    notices, asked, other = Notices(), Frontend(), Frontend()
+    notices.listen(asked)
+    notices.listen(other)
+    refused = "refused, not_enabled: the arm is not enabled: `enable` first"
+    with notices.answered(asked):
+        notices.tell(refused, refusal=True)
+    assert (asked.heard, other.heard) == ([], [refused])
+    notices.tell(refused, refusal=True)
+    assert (asked.heard, other.heard) == ([refused], [refused, refused])
+
+
 def test_each_frontend_hears_as_much_as_its_operator_wants_and_faults_always() -> None:
     notices, frontends = Notices(), [Frontend(), Frontend(), Frontend()]
     for frontend, level in zip(frontends, NoticeLevel, strict=True):
