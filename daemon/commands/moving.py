@@ -193,7 +193,10 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
     moves closer and looks again until the predicted error at the grasp is small enough. Then it grasps, lifts
     and checks that it holds the part. It skips parts that it cannot recognise or reach, and reports them.
     """
-    label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
+    taught = context.trainer.model.labels
+    if words and not taught:
+        raise CommandError("no part is taught yet: `teach LABEL`, then `train`")
+    label = one_of(words, 0, taught, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
     notified = end.ended_by is JobEvent.ERROR and context.notices.level(frontend) is not None
     done = DONE if end.outcome in ("picked", "dry", "emptied") and end.ended_by is None else NOT_DONE

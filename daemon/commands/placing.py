@@ -7,7 +7,16 @@ import numpy as np
 from daemon import frames
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.interpreter import (
+    CommandError,
+    CommandResult,
+    Frontend,
+    command,
+    form_of,
+    no_more,
+    one_of,
+    yes_or_no,
+)
 from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
@@ -43,9 +52,9 @@ def _places_and_patterns(context: CommandContext) -> list[str]:
     return [*_names(context), *context.cycle.placing.places.file.patterns]
 
 
-def _places_named(context: CommandContext, words: list[str]) -> list[str]:
-    """The places that a name means: one place, or those of a pattern."""
-    name = one_of(words, 0, _places_and_patterns(context), "place or pattern", USAGE)
+def _places_named(context: CommandContext, words: list[str], act: str) -> list[str]:
+    """The places that a name means: one place, or those of a pattern. act: for which `place ...`."""
+    name = one_of(words, 0, _places_and_patterns(context), "place or pattern", form_of(USAGE, act))
     return [each for each in _names(context) if name in (each, pattern_of(each))]
 
 
@@ -82,7 +91,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
     placing = context.cycle.placing
     if words and words[0] in context.parts and words[0] not in _places_and_patterns(context):
         return _sides(context, words[0])
-    names = _places_named(context, words) if words else _names(context)
+    names = _places_named(context, words, "show") if words else _names(context)
     rows, data = [], {}
     for name in names:
         state, part = placing.statuses.of(name), placing.places.named(name)
@@ -137,7 +146,7 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
     taken = [goal.place.name for goal in placing.taken()]
-    names = _places_named(context, words) if words else taken
+    names = _places_named(context, words, "check") if words else taken
     names = names if len(names) == 1 else [name for name in names if name in taken]
     for name in names:
         if name in placing.unusable:
@@ -162,13 +171,15 @@ async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -
     """Plan, for each side that a part can lie on, whether it can be brought to its place, or to the first of its
     pattern."""
     no_more(words, 2, USAGE)
-    label, placing = one_of(words, 0, context.parts, "part", USAGE), context.cycle.placing
+    label, placing = one_of(words, 0, context.parts, "part", form_of(USAGE, "plan")), context.cycle.placing
     own = [place.name for place in placing.places.of(label)]
     if not own:
         return CommandResult(f"The {label} has no place: it goes to the bin.", {"plans": {}})
     firsts = list({pattern_of(name): name for name in reversed(own)}.values())[::-1]
     names = (
-        [name for name in _places_named(context, words[1:]) if name in own][:1] if words[1:] else firsts[:MOST_PLANNED]
+        [name for name in _places_named(context, words[1:], "plan") if name in own][:1]
+        if words[1:]
+        else firsts[:MOST_PLANNED]
     )
     if not names:
         raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_NAMED])}")
@@ -214,10 +225,10 @@ def _plan_text(plan: SidePlan) -> str:
 async def _teach(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 2, USAGE)
     if len(words) < 2:
-        raise CommandError(f"{'PART' if words else 'NAME'} is missing: {USAGE}", NOT_UNDERSTOOD)
+        raise CommandError(f"{'PART' if words else 'NAME'} is missing: {form_of(USAGE, 'teach')}", NOT_UNDERSTOOD)
     name = words[0]
     held = words[1] == HERE and HERE not in context.parts
-    label = HERE if held else one_of(words, 1, (*context.parts, HERE), "part", USAGE)
+    label = HERE if held else one_of(words, 1, (*context.parts, HERE), "part", form_of(USAGE, "teach"))
     placing = context.cycle.placing
     if not NAME.fullmatch(name) or name == "all" or name in placing.places.file.patterns:
         raise CommandError(
@@ -291,7 +302,7 @@ def _taught_entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, .
 async def _clear(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     every = words[:1] == ["all"]
-    names = _names(context) if every else _places_named(context, words)
+    names = _names(context) if every else _places_named(context, words, "clear")
     if len(names) > 1 and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
     if context.cycle.status()["doing"]:
@@ -307,7 +318,7 @@ async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
     known = [*placing.places.file.places, *placing.places.file.patterns]
-    name = one_of(words, 0, known, "place or pattern", USAGE)
+    name = one_of(words, 0, known, "place or pattern", form_of(USAGE, "drop"))
     dropped = {one for one in _names(context) if name in (one, pattern_of(one))}
     await _write(context, frontend, without_place(placing.places, name))
     context.cycle.placing.statuses.forget(dropped)

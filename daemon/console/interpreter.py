@@ -367,17 +367,21 @@ def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
-    """The argument at an index, which must be one of the choices. Raises CommandError with a suggestion."""
+    """The argument at an index, which must be one of the choices. what: its kind, `word` for a keyword. Raises
+    CommandError with what to type instead."""
     allowed = sorted(choices)
+    keyword = what == "word" and len(allowed) > 0
     if len(words) <= place:
-        listed = (
-            f"; choose from: {', '.join(allowed)}" if allowed and not all(word in usage for word in allowed) else ""
-        )
-        raise CommandError(f"{what} is missing: {usage}{listed}", NOT_UNDERSTOOD)
+        lacking = either(allowed) if keyword else what
+        unlisted = not keyword and not all(word in usage for word in allowed)
+        listed = f"; choose from: {', '.join(allowed)}" if allowed and unlisted else ""
+        raise CommandError(f"{lacking} is missing: {usage}{listed}", NOT_UNDERSTOOD)
     word = words[place]
     if word in allowed:
         return word
     close = difflib.get_close_matches(word, allowed, 1) or [k for k in allowed if k.startswith(word)]
+    if keyword and len(close) != 1:
+        raise CommandError(f"{word}: expected {either(allowed)}; usage: {usage}", NOT_UNDERSTOOD)
     hint = (
         f"did you mean {close[0]}?"
         if len(close) == 1
@@ -386,6 +390,12 @@ def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usag
         else "there is none yet"
     )
     raise CommandError(f"{word}: no such {what}; {hint}", NOT_UNDERSTOOD)
+
+
+def form_of(usage: str, act: str) -> str:
+    """The form of a usage that begins with a keyword: `place show [NAME] | drop NAME` and `drop`: `place drop NAME`."""
+    name, _, forms = usage.partition(" ")
+    return next((f"{name} {form}" for form in forms.split(" | ") if form.split()[0] == act), usage)
 
 
 def no_more(words: list[str], count: int, usage: str) -> None:

@@ -65,7 +65,9 @@ class Notices:
         same. refusal: a move was refused; the operator who waits for the end of a motion reads that in the answer."""
         for frontend in list(self._frontends):
             shows = self._levels.get(id(frontend), NoticeLevel.OUTCOMES)
-            answered = (refusal or level is NoticeLevel.OUTCOMES) and any(frontend is waiting for waiting in self._waiting)
+            answered = (refusal or level is NoticeLevel.OUTCOMES) and any(
+                frontend is waiting for waiting in self._waiting
+            )
             own = any(frontend is stopping and text in texts for stopping, texts in self._stopping)
             if level > shows or answered or own or (by is not None and by == getattr(frontend, "who", None)):
                 continue

@@ -67,7 +67,7 @@ def test_a_job_is_listed_shown_and_begun(context: Any) -> None:
         ("job run kit 1 1 signal", "one word too many"),
         ("job run kit signal 1", "one word too many"),
         ("job run kit signals", "TIMES"),
-        ("job walk", "choose from: list, run, show"),
+        ("job walk", "walk: expected list, run or show"),
     ],
 )
 def test_what_cannot_be_begun_is_one_line_and_nothing_moves(context: Any, typed: str, told: str) -> None:

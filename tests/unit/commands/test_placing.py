@@ -263,12 +263,12 @@ def test_from_which_sides_a_part_can_be_brought_to_its_places_is_told_side_by_si
 @pytest.mark.parametrize(
     ("text", "want"),
     [
-        ("place plan", "part is missing"),
+        ("place plan", "part is missing: place plan PART [NAME]; choose from:"),
         ("place plan cube shelf", "shelf: no such place"),
-        ("place pile", "pile: no such word"),
+        ("place pile", "pile: expected check, clear, drop, plan, show or teach; usage: place show"),
         ("place check shelf", "shelf: no such place"),
-        ("place clear", "place or pattern is missing"),
-        ("place teach slot", "PART is missing"),
+        ("place clear", "place or pattern is missing: place clear NAME|all"),
+        ("place teach slot", "PART is missing: place teach NAME PART|here"),
         ("place teach slot here now", "now: one word too many"),
         ("place teach Slot cube", "a place's name is small letters"),
         ("place teach all cube", "a place's name is small letters"),

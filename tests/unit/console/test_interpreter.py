@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from daemon.arm import RefusedError
 from daemon.commands import every_command
+from daemon.commands.controller_terminal import ROBOT_USAGE
+from daemon.commands.moving import AUTO_USAGE
 from daemon.console.interpreter import CommandResult, Interpreter, command
 from daemon.events.pick_order import PickOrder
 from tests.fakes.fake_context import FakeFrontend, fake_context
@@ -54,7 +56,9 @@ def context(tmp_path: Path) -> object:
         ("teach Cube!", "Cube!: a label is small letters, digits and _, as in hex_bolt", 2),
         ("teach 'cube", "teach 'cube: No closing quotation", 2),
         ("confirm", "no move is waiting for confirmation", 1),
-        ("robot dance", "dance: no such word; choose from: cal, monitor, power-up", 2),
+        ("robot dance", f"dance: expected cal, monitor or power-up; usage: {ROBOT_USAGE}", 2),
+        ("auto", f"off, on, resume or wait is missing: {AUTO_USAGE}", 2),
+        ("look banana", "banana: expected around; usage: look [around [N]]", 2),
     ],
 )
 def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
@@ -63,6 +67,12 @@ def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
     answer = say(context, text)
     assert answer.text == want
     assert answer.status == status
+
+
+def test_a_pick_before_anything_is_taught_says_how_to_teach(context: Any) -> None:
+    context.trainer.model.labels = ()
+    answer = say(context, "pick cube")
+    assert (answer.text, answer.status) == ("no part is taught yet: `teach LABEL`, then `train`", 1)
 
 
 @pytest.mark.parametrize(
