@@ -7,6 +7,7 @@ arm at rest; end the job; only then report. If a report fails, the stop still wo
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import copy_context
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from daemon.arm.belief import VoidingEvent
@@ -47,6 +48,8 @@ class Supervisor:
         self.mover = Mover(cell, limits, arrival, self.hold.wait)
         self.fault_cause = BY_OPERATOR
         """The cause of the last stop; an alarm about that stop has the same cause."""
+        self.latched_cause = BY_OPERATOR
+        """The cause of the active fault; where a second fault joined it, of the first."""
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = ""
@@ -248,7 +251,7 @@ class Supervisor:
 
     async def fail(self, source: str, text: str, cause: FaultCause) -> None:
         """Stop the arm because of a fault that another module (source) found."""
-        await self._halt(JobEvent.ERROR, text, f"{source}: {text}", cause)
+        await self._halt(JobEvent.ERROR, text, f"{source}: {text}", replace(cause, source=source))
 
     async def abort(self) -> str | None:
         """Stop the arm and end its job, without a fault. Returns what `stop` returns."""
@@ -266,16 +269,21 @@ class Supervisor:
         """Wait until a stop that is under way has ended, without a time limit."""
         await self._stopping.over()
 
-    def latch(self, fault: str) -> None:
+    def latch(self, fault: str, cause: FaultCause = BY_OPERATOR) -> None:
         """Make a fault active; nothing is sent to the arm."""
-        self.permission.fault = fault
+        self.permission.fault, self.latched_cause = fault, cause
+
+    def _join(self, fault: str, cause: FaultCause) -> None:
+        """Make a fault active beside one that is active already."""
+        text = _on_top_of(self.permission.fault, fault)
+        self.latch(text, cause if text == fault else self.latched_cause)
 
     async def stop_arm(
         self, event: JobEvent, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
     ) -> str | None:
         """Stop the arm, then report. fault: the fault to make active, if any. Returns what `stop` returns."""
         if fault is not None and not self._stopping.alarm:
-            self.latch(_on_top_of(self.permission.fault, fault))
+            self._join(fault, cause)
         if not self._stopping.alarm:
             self.fault_cause = cause
         if not self.permission.stop_as_granted:
@@ -324,7 +332,7 @@ class Supervisor:
             self._notify(lambda: self.mover.cell.log.record("rest", text=rests))
         else:
             self._alarmed_in = self._openings
-            self.latch(text)
+            self.latch(text, self.latched_cause)
             self._report(JobEvent.ERROR, text, self.fault_cause)
 
     def _report(self, event: JobEvent, fault: str | None, cause: FaultCause) -> None:
@@ -366,7 +374,7 @@ class Supervisor:
         """Make a fault active where an otherwise ignored error says that somebody else types on the line."""
         cause, text = cause_of(error), f"{type(error).__name__}: {error}"
         if cause.code is CauseCode.OTHER_TERMINAL:
-            self.latch(_on_top_of(self.permission.fault, text))
+            self._join(text, cause)
             self._report_fault(text, cause)
 
     def _done(self, task: asyncio.Task[Any]) -> None:

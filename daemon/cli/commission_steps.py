@@ -11,6 +11,7 @@ from typing import Any
 
 from daemon.console.phrases import is_no, is_yes
 from daemon.errors import DONE, FacetdError
+from daemon.events.outcomes import Outcome
 from daemon.frontends.client import DaemonLink
 
 HAND_EYE_MM = 0.5
@@ -310,7 +311,7 @@ def _pick(talk: CommissioningSession) -> str:
         if done["status"] == DONE:
             return outcome
         talk.person.tell(f"  {done['text']}")
-        if outcome.startswith("released"):  # the cameras could not prove it; a person near the bin can
+        if done["data"].get("outcome") == Outcome.RELEASED:  # the cameras could not prove it; a person near the bin can
             talk.need(f"Is the {part} in the bin?")
             return outcome
         talk.need("Try again?")

@@ -9,14 +9,16 @@ from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unstea
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.errors import NOT_DONE
+from daemon.events.codes import CauseCode, FaultCause
 
 WORDS = ("left", "right", "both", "moving")
 USAGE = "cameras [left|right|both|moving]"
 OTHER: dict[CameraName, CameraName] = {"left": "right", "right": "left"}
 COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
 UNMEASURED = "not measured: too little moved to and fro; repeat, with print all over the view"
-CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
-"""Codes of faults that a camera may have caused."""
+CAMERA_SOURCES = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
+"""Sources of faults that a camera may have caused."""
+PERHAPS_KNOCKED = (CauseCode.CAMERA_KNOCKED, CauseCode.LOOKS_DISAGREE)
 
 
 @command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: words in ([], ["moving"]))
@@ -91,12 +93,12 @@ async def _camera_problems(context: CommandContext) -> dict[CameraName, str]:
     return await context.cycle.supervisor.run("test the cameras", trial, moves=False)
 
 
-async def remaining_camera(context: CommandContext, fault: str) -> tuple[CameraName, str] | None:
+async def remaining_camera(context: CommandContext, cause: FaultCause) -> tuple[CameraName, str] | None:
     """The only camera that still works after a camera fault, and the problem of the other one. None where both work, or
     none does, or the fault has another cause."""
     hardware = context.hardware
     if (
-        fault.partition(":")[0] not in CAMERA_FAULTS
+        cause.source not in CAMERA_SOURCES
         or hardware.kind == "recorded"
         or hardware.cameras.alone is not None
         or context.calibration.fixed
@@ -112,9 +114,12 @@ async def remaining_camera(context: CommandContext, fault: str) -> tuple[CameraN
 async def offer_one_camera(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
     """After a camera fault, ask whether to continue with the remaining camera, and switch to it. Returns a message, or
     None; raises CommandError where the operator declines."""
-    left = await remaining_camera(context, fault)
+    cause = context.cycle.supervisor.latched_cause
+    left = await remaining_camera(context, cause)
     if left is None:
-        shocked = "knocked" in fault and context.hardware.cameras.alone is None and not context.calibration.fixed
+        shocked = (
+            cause.code in PERHAPS_KNOCKED and context.hardware.cameras.alone is None and not context.calibration.fixed
+        )
         return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if shocked else None
     alone, why = left
     problem = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."

@@ -57,14 +57,15 @@ class CycleObserver:
         """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`
         would ask. Applies to the present fault only."""
         supervisor = self._context.cycle.supervisor
-        return self._continue(supervisor.stops, supervisor.permission.fault)
+        cause = supervisor.latched_cause if supervisor.permission.fault is not None else None
+        return self._continue(supervisor.stops, cause)
 
-    async def _continue(self, stops: int, fault: str | None) -> None:
+    async def _continue(self, stops: int, cause: FaultCause | None) -> None:
         context, supervisor = self._context, self._context.cycle.supervisor
         while supervisor.busy:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: the operator decides
-            left = None if fault is None else await camera_selection.remaining_camera(context, fault)
+            left = None if cause is None else await camera_selection.remaining_camera(context, cause)
             if left is None or context.cycle.belief.holds_part is None or not supervisor.permission.enabled:
                 return
             await context.look_with(*left)

@@ -5,7 +5,7 @@ release. Only this catalogue holds the texts: commands in backticks, keys of fac
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
@@ -162,10 +162,12 @@ def cause_code(code: object) -> CauseCode:
 
 @dataclass(frozen=True)
 class FaultCause:
-    """The cause of a fault. findings: measures of the images beyond their limits, each `name camera`."""
+    """The cause of a fault. findings: measures of the images beyond their limits, each `name camera`; source: what
+    found it, the device that the watchdog watches or the class of the error."""
 
     code: CauseCode
     findings: tuple[str, ...] = ()
+    source: str = field(default="", compare=False)
 
 
 BY_OPERATOR = FaultCause(CauseCode.OPERATOR_STOP)
@@ -173,7 +175,8 @@ BY_OPERATOR = FaultCause(CauseCode.OPERATOR_STOP)
 
 def cause_of(error: BaseException) -> FaultCause:
     """The cause that an exception carries as `code` and `findings`; CauseCode.INTERNAL where it has no code."""
-    return FaultCause(cause_code(getattr(error, "code", None)), tuple(getattr(error, "findings", ())))
+    code, findings = cause_code(getattr(error, "code", None)), tuple(getattr(error, "findings", ()))
+    return FaultCause(code, findings, type(error).__name__)
 
 
 BY_MEASURE: Mapping[str, CauseCode] = {

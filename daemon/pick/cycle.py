@@ -325,7 +325,7 @@ class PickCycle:
         """At start, after a crash in mid-cycle: nothing moves until resume; a hand that may be full is asked about;
         pick_order: what was left of auto."""
         self.pick_order = pick_order
-        self.supervisor.latch(f"restarted: the daemon ended in {state}")
+        self.supervisor.latch(f"restarted: the daemon ended in {state}", FaultCause(CauseCode.RESTARTED))
         if closed is not False:
             self.beliefs.void(VoidingEvent.RESTARTED)
         self.state = PickState.FAULT

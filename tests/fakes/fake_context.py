@@ -19,6 +19,7 @@ from daemon.arm.operators import RefusedError
 from daemon.arm.permission import Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.console.notices import Notices
+from daemon.events.codes import BY_OPERATOR, FaultCause
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.place_table import PlaceTable
@@ -42,6 +43,7 @@ class FakeCycle:
 
     told: list[str] = field(default_factory=list)
     fault: str | None = None
+    latched_cause: FaultCause = BY_OPERATOR
     doing: str | None = None
     pending: str | None = None
     pending_s: float = 60.0

@@ -21,6 +21,7 @@ from daemon.commands.moving import resume
 from daemon.commands.observing import look
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from daemon.events.pick_order import ALL, PickOrder
 from daemon.service import Service
 from drivers.simcell.camera import CameraFault
@@ -31,6 +32,7 @@ from tests.fakes.simulated_time import SimulatedLoop
 from tests.fakes.waiting import until_so
 
 FAULT = "CameraError: simulated pair: no frame within 5.00 s (right camera unplugged)"
+UNPLUGGED = FaultCause(CauseCode.CAMERA_LOST, source="CameraError")
 
 
 def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
@@ -46,7 +48,7 @@ def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
 def broken(here: Hours) -> None:
     """The right camera was torn off, and the arm was stopped for it."""
     here.cell.camera.set_fault("right", "away")
-    here.cycle.supervisor.latch(FAULT)
+    here.cycle.supervisor.latch(FAULT, UNPLUGGED)
 
 
 def test_resume_offers_the_camera_that_is_left_says_what_it_costs_and_looks_with_it_after_a_yes() -> None:
@@ -159,14 +161,43 @@ def test_a_frontend_that_cannot_ask_is_told_the_word_and_nothing_changes() -> No
     lived(story)
 
 
-@pytest.mark.parametrize("fault", [FAULT, "stopped by tester"])
-def test_where_both_cameras_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str) -> None:
+@pytest.mark.parametrize(("fault", "cause"), [(FAULT, UNPLUGGED), ("stopped by tester", BY_OPERATOR)])
+def test_where_both_cameras_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str, cause: FaultCause) -> None:
     async def story(here: Hours) -> None:
-        here.cycle.supervisor.latch(fault)
+        here.cycle.supervisor.latch(fault, cause)
         frontend = FakeFrontend(answers=["y"])
         await resume.run(here.context, [], frontend)
         assert not frontend.asked
         assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_a_stop_by_a_person_on_top_of_a_camera_s_fault_leaves_the_offer() -> None:
+    async def story(here: Hours) -> None:
+        here.cell.camera.set_fault("right", "away")
+        await here.cycle.supervisor.fail("cameras", "no frame", FaultCause(CauseCode.CAMERA_LOST))
+        await here.cycle.supervisor.stop("by tester")
+        frontend = FakeFrontend(answers=["y"])
+        await resume.run(here.context, [], frontend)
+        assert "right camera does not work" in frontend.asked[0]
+
+    lived(story)
+
+
+@pytest.mark.parametrize(
+    ("cause", "hinted"),
+    [
+        (FaultCause(CauseCode.CAMERA_KNOCKED, source="MisleadingImagesError"), True),
+        (FaultCause(CauseCode.LOOKS_DISAGREE, source="SuspectError"), True),
+        (FaultCause(CauseCode.PART_MOVED, source="SuspectError"), False),
+    ],
+)
+def test_after_a_mechanical_shock_resume_names_the_command_for_one_camera(cause: FaultCause, hinted: bool) -> None:
+    async def story(here: Hours) -> None:
+        here.cycle.supervisor.latch("a fault", cause)
+        answer = await resume.run(here.context, [], FakeFrontend())
+        assert ("`cameras left` or `cameras right`" in answer.text) is hinted
 
     lived(story)
 
