@@ -1,4 +1,4 @@
-"""A tour round one thing: from where to look at it, and the looks. Where they are planned is pure; every motion is the
+"""The tour round one part: its viewpoints, and the looks from them. Planning the tour is pure; every motion is the
 mover's, so that a stop, a pause and step mode are honoured as in a pick.
 """
 

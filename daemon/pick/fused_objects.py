@@ -1,4 +1,4 @@
-"""What lies there, as all looks so far have it: parts with a name, and what has none yet. Pure.
+"""Objects on the table, fused from all looks so far: named parts, and objects without a name. Pure.
 
 A name that one look gave stays. The facets of the looks that tell most are fused, of so many that one look more takes
 no longer; those that no named part explains are put to the recogniser together, and where they hang together over a

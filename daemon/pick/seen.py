@@ -1,4 +1,4 @@
-"""Parts as looks saw them, brought to the world: which are one part, which comes first, which would show again.
+"""Observed parts in the world frame: which are the same part, their order, which a new look should show again.
 
 Pure. What is made of them is find.py's business; one part followed closely is following.py's.
 """

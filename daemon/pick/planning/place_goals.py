@@ -1,4 +1,4 @@
-"""Where a part is to lie, how it gets there in the gripper, and how far off it lies. Pure: values in, values out.
+"""Goals at places: the pose that a part should have, the gripper's poses that bring it there, its deviation. Pure.
 
 A place holds the pose of the part, never of the tool: that follows from how the part is held. Going there is
 set_down.py's.

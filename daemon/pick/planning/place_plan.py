@@ -1,4 +1,4 @@
-"""How a part gets to its place: by one grasp or, where no one does, by several in turn. Pure."""
+"""Plan how a part gets to its place: with one grasp, or with several where one is not enough. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

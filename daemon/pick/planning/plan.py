@@ -1,4 +1,4 @@
-"""How a part will be taken: a grasp whose whole approach is checked before its first move.
+"""Plan a pick: a grasp whose whole approach is checked before the first move.
 
 Pure: what is seen and what the arm can reach in, plans out. Doing them is approach.py's and take.py's.
 """

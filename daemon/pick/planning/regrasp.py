@@ -1,4 +1,4 @@
-"""How a part gets to lie on another side than one grasp can bring it to: placed on the table between two grasps. Pure.
+"""Plan regrasps: place a part on the table between two grasps, to reach a side that one grasp cannot. Pure.
 
 A graph: its nodes are a part that lies on one of its stable sides, and a grasp of it there; an edge is one pick and
 set-down with that grasp, reached all the way at both ends, the hand clear of the table and of what lies beside. The

@@ -1,4 +1,4 @@
-"""From how far a part is looked at on the approach, and when it was looked at enough. Pure: values in, values out."""
+"""The distance of the next look on the approach, and when the pose is known well enough to grasp. Pure."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What lies on the table beside a part, and where another may be placed. Pure."""
+"""Free room on the table: what lies beside a part, and where a part can be placed. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
