@@ -294,7 +294,7 @@ def _record(context: CommandContext, name: str, label: str, status: PlaceStatus,
 def _taught_entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:
     place_settings = {} if old is None else {
         key: getattr(old, key)
-        for key in ("fixture", "tolerance_mm", "tolerance_deg", "equivalents", "approach_mm", "release_mm")
+        for key in ("fixture", "tolerance_mm", "tolerance_deg", "equivalents", "any_turn", "approach_mm", "release_mm")
     }  # fmt: skip
     return PlaceEntry(part=label, pose=pose, **place_settings)  # type: ignore[arg-type]
 

@@ -5,13 +5,15 @@ from typing import Literal
 
 import numpy as np
 
+from daemon import frames
+from daemon.arm import OnHand
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
 from daemon.pick.following import NEAR_MM, Target, beside, expected_at, fitted, others, sighted
 from daemon.pick.looks import whole_look
-from daemon.pick.planning import enough, next_stand_off, same_grasp
+from daemon.pick.planning import enough, next_stand_off, same_grasp, side_that_shows
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.transitions import PickEvent
@@ -27,8 +29,11 @@ from daemon.pick.world import (
     travel,
     unreachable,
 )
+from daemon.store.place_file import pattern_of
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
+SAME_SIDE_RAD = 0.3
+"""A look from a direction that differs by more is one from another side, and no straight way leads there."""
 
 
 async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE, PickEvent.UNREACHABLE]:
@@ -38,7 +43,9 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.T
     pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
     try:
         purpose = f"stand-off {distance:g} mm"
-        await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
+        turned = frames.angle_between(pose, target.look.reading.world_from_tool)
+        straight = bool(target.sightings) and turned < SAME_SIDE_RAD
+        await travel(context, world, pose, purpose, target.look, straight)
     except MOVE_ERRORS as error:
         await unreachable(context, world, error)
         return PickEvent.UNREACHABLE
@@ -114,10 +121,36 @@ async def estimating(
     if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, free_axis):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
+        await _look_from_a_side(context, target, free_axis)
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
+    if enough(estimate, len(target.sightings), settings.stops, VERTICAL):
+        why += f"; how it is turned about the vertical shows from no side in reach{_where_any_turn_will_do(target)}"
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
+
+
+async def _look_from_a_side(context: PickContext, target: Target, free_axis: Array | None) -> None:
+    """Choose the side to look from next, where looks along the approach cannot settle how the part lies."""
+    cell, mounting = context.cell, context.cell.mounting
+    if target.side_view is not None or not isinstance(mounting, OnHand) or cell.alone is not None:
+        return
+    known = target.shape, target.sightings, target.look_rotation, context.settings, mounting, cell.rig
+    side = await cell.compute(side_that_shows, *known, context.mover.reach, free_axis)
+    if side is None:
+        return
+    target.side_view = side
+    leans_deg = np.degrees(np.arccos(np.clip(-(side @ mounting.tool_from_cyclopean[:3, 2])[2], -1.0, 1.0)))
+    why = f"its turn does not show along the approach, but from {leans_deg:.0f} degrees off the vertical"
+    context.decide(f"look at {target.label} from a side", why, DecisionCode.LOOKED_AGAIN, label=target.label)
+
+
+def _where_any_turn_will_do(target: Target) -> str:
+    """What a person can do for a part that is to go to a place, in words."""
+    if target.way is None:
+        return ""
+    name = target.way.goal.place.name
+    return f": set `any_turn: true` for place {pattern_of(name)} if the part may lie there turned any way"
 
 
 def _free_axis(target: Target) -> Array | None:

@@ -87,6 +87,8 @@ class PlaceSettings:
     """How far a part may be turned from its place, degrees."""
     equivalents: bool = True
     """Whether a part may be turned so that it looks the same."""
+    any_turn: bool = False
+    """Whether a part may be turned any way about the vertical."""
     approach_mm: Length = 60.0
     """Height over the place from which the part is lowered straight, mm."""
     release_mm: Release = 0.5

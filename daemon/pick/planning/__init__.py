@@ -33,6 +33,7 @@ from daemon.pick.planning.place_goals import (
 from daemon.pick.planning.place_plan import SidePlan, plan_anew, plan_from_side, plan_to_place, then_in_words
 from daemon.pick.planning.plan import Destination, NoPlan, Plan, last_stretch, same_grasp, stable_sides
 from daemon.pick.planning.regrasp import MOST_GRASPS
+from daemon.pick.planning.side_look import side_that_shows
 from daemon.pick.planning.stand_offs import enough, next_stand_off
 from daemon.pick.planning.table_room import beside_of
 
@@ -69,6 +70,7 @@ __all__ = [
     "plan_to_place",
     "same_grasp",
     "set_down_of",
+    "side_that_shows",
     "spot_of",
     "stable_sides",
     "then_in_words",

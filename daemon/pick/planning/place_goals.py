@@ -100,6 +100,8 @@ class Goal:
     @cached_property
     def axis(self) -> Axis | None:
         """That about which any turn of the part will do; None where one must be kept."""
+        if self.place.settings.any_turn:
+            return Axis(self.shape.corners_mm.mean(axis=0), self.poses[0][2, :3])
         return axis_of_revolution(self.shape) if self.place.settings.equivalents else None
 
     @property

@@ -13,6 +13,7 @@ business.
 | `refine_from_pose` | a pose right to a px | no | yes | pose, covariance, measured edges | stays at the pose |
 | `clear_edge_fraction` | a pose within reach_mm | the reach | no | how surely the part is there | 0 |
 | `vanished_edge_fraction` | a pose within reach_mm | the reach | no | how surely it was there and is gone | 0 |
+| `expected_covariance` | poses, no images | no | no | covariances that a fit is expected to have | large |
 | `outline_coverage` | a pose that stays | across each edge | no | how much of the outline has edges near it | 0 |
 | `count_visible_facets` | a pose that stays | no | no | how many facets both cameras show | 0 |
 | `facets_from_edges` | measured edges | no | no | the facets' corners in either camera | no facet |
@@ -28,9 +29,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron, SolidBatch, chi_square_limit, solve, thickness, whitener
-from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, probe_sides
-from daemon.vision.refine.edge_adjustment import PRIOR, adjust_pose
+from daemon.vision.geometry import Polyhedron, SolidBatch, StereoRig, chi_square_limit, solve, thickness, whitener
+from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, open_stereo, probe_sides
+from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, PRIOR, UNMEASURED, adjust_pose
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import (
     LEAST_EVIDENCE,
@@ -232,6 +233,25 @@ def fit_by_edges(
         other = None if found is None else _confirmed_fit(shape, images, found.pose, partly_hidden)
         best = max((each for each in (best, other) if each is not None), key=lambda each: each[1], default=None)
     return None if best is None else best[0]
+
+
+EXPECTED_PX = 0.15
+"""To which the ends of an edge are expected to be measured: .05 px on rendered parts, up to .3 px on a real one."""
+
+
+def expected_covariance(shape: Polyhedron, rig: StereoRig, poses: Array) -> Array:
+    """(N, 6, 6) covariance that a fit by edges is expected to have at each of some poses cyclopean_from_part (N, 4, 4),
+    where nothing but the part itself hides an edge."""
+    blank = np.zeros(rig.image_size[::-1], np.uint8)
+    images, solids = open_stereo(blank, blank, rig), SolidBatch.of([shape] * len(poses))
+    information = np.repeat(UNMEASURED[None], len(poses), 0)
+    both = project_edges(solids, images, poses, np.ones(len(poses), bool), TOLERANCE_MM)
+    for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True):
+        in_view = visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW
+        weight = (in_view & edges.sharp) / (EXPECTED_PX**2 + (OF_TOLERANCE * edges.doubt_px) ** 2)
+        each = np.einsum("eni,enj,e->eij", edges.jacobian, edges.jacobian, weight)
+        np.add.at(information, edges.owner, each)
+    return np.asarray(np.linalg.inv(information))
 
 
 def fit_by_each_camera(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:

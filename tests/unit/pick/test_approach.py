@@ -165,6 +165,37 @@ def test_a_round_part_of_unknown_turn_is_taken_where_its_turn_does_not_matter(
     assert step(context, world, PickState.ESTIMATING) is event
 
 
+def test_a_part_whose_turn_does_not_show_along_the_approach_is_looked_at_from_a_side(monkeypatch):
+    context, world = begun(one_part())
+    brought_to(PickState.ESTIMATING, context, world)
+    side = context.cell.mounting.look_pose(world.the_target().look_rotation, np.zeros(3), 1.0)[:3, :3]
+    side = frames.rotation_from_vector(np.array([0.0, 0.6, 0.0])) @ side
+    monkeypatch.setattr(approach, "side_that_shows", lambda *_: side)
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.UNSURE
+    assert step(context, world, PickState.STOP_N) is PickEvent.THERE
+    assert context.mover.belief.resting_reading.world_from_tool[:3, :3] == pytest.approx(side, abs=1e-3)
+
+
+@pytest.mark.parametrize("place", ["nest", "tray.3"])
+def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_said(monkeypatch, place):
+    context, world = begun(one_part())
+    brought_to(PickState.ESTIMATING, context, world)
+    target, fused = world.the_target(), approach.pose_fusion.fuse
+    target.looks = context.settings.stops.most_looks
+
+    def unturned(sightings, doubt):
+        estimate = fused([replace(one, covariance=1e-4 * np.eye(6)) for one in sightings], doubt)
+        return replace(estimate, at_grasp=1e-6 * np.eye(6) + np.diag([0, 0, 0, 0, 0, 1.0]))
+
+    way = SimpleNamespace(goal=SimpleNamespace(axis=None, place=SimpleNamespace(name=place)))
+    monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)
+    monkeypatch.setattr(approach, "same_grasp", lambda *_, plan=target.plan: replace(plan, way=way))
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.GAVE_UP
+    why = world.skipped[-1].why
+    assert "shows from no side in reach" in why
+    assert f"set `any_turn: true` for place {place.partition('.')[0]} " in why
+
+
 def twice_looked(fake, moved):
     """Two looks at the cube between which `moved` acted on the world."""
     context, world = begun(fake)

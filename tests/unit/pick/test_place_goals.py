@@ -138,6 +138,19 @@ def test_a_body_of_revolution_may_lie_in_any_turn_about_its_axis_and_no_other(
     assert kept.off_deg > 6.0
 
 
+@pytest.mark.parametrize("turn_deg", [31.0, -140.0])
+def test_where_any_turn_will_do_a_part_is_off_by_how_it_leans_and_lies_beside_alone(turn_deg: float) -> None:
+    shape = shape_of("triangular_prism")
+    wanted, free = (goal_of(place("triangular_prism", any_turn=any_turn), shape) for any_turn in (False, True))
+    lean, turn = (frames.rotation_from_vector(np.radians(way)) for way in ([2.0, 0.0, 0.0], [0.0, 0.0, turn_deg]))
+    about = frames.rigid(lean @ turn, free.centre - lean @ turn @ free.centre)
+    lies = frames.rigid(np.eye(3), np.array([0.7, 0.0, 0.0])) @ about @ free.poses[0]
+    off = deviation(free, lies)
+    assert off.off_mm == pytest.approx(0.7, abs=0.01)
+    assert off.off_deg == pytest.approx(2.0, abs=0.01)
+    assert deviation(wanted, lies).off_deg > 20.0
+
+
 @pytest.mark.parametrize(("flat_mm", "sure"), [(0.0, True), (4.0, False)], ids=["disc", "with a flat"])
 def test_a_turn_that_no_look_can_say_and_no_place_asks_for_leaves_no_doubt(flat_mm: float, sure: bool) -> None:
     disc = drawn_disc(flat_mm)
