@@ -280,15 +280,7 @@ class Conversation:
     async def type_raw(self, data: bytes) -> None:
         """Type bytes without checking their echo, no faster than the controller reads; one record in the ledger.
         Raises as send_raw."""
-        if self.dialect.character_pause_s <= 0:
-            self.send_raw(data)
-            return
-        for k in range(len(data)):
-            self.check()
-            self._send(data[k : k + 1], data if k == 0 else b"")
-            if k == 0:
-                self._reader.line_ended(echoed=False)
-            await asyncio.sleep(self.dialect.character_pause_s)
+        await self._send_paced(data, lambda: self._reader.line_ended(echoed=False))
 
     @asynccontextmanager
     async def typing(self) -> AsyncIterator[Callable[[bytes], None]]:
@@ -335,13 +327,18 @@ class Conversation:
         self._reader.line_ended(self.dialect.echo)
         self.typed_whole = True
 
-    async def _send_paced(self, body: bytes) -> None:
-        if self.dialect.character_pause_s <= 0:
-            self._put(body)
-            return
-        for k in range(len(body)):
-            self._put(body[k : k + 1])
-            await asyncio.sleep(self.dialect.character_pause_s)
+    async def _send_paced(self, data: bytes, begun: Callable[[], None] | None = None) -> None:
+        """Send bytes no faster than the controller reads. begun: called once the first is sent; the ledger then has all
+        of them as one record, and otherwise one record a character."""
+        pause_s = self.dialect.character_pause_s
+        pieces = [data] if pause_s <= 0 else [data[k : k + 1] for k in range(len(data))]
+        for k, piece in enumerate(pieces):
+            self.check()
+            self._send(piece, piece if begun is None else data if k == 0 else b"")
+            if begun is not None and k == 0:
+                begun()
+            if pause_s > 0:
+                await asyncio.sleep(pause_s)
 
     async def _hear_echo(self, text: str) -> None:
         wait_s = self.dialect.typing_s + 20.0 * len(text) / self.dialect.baud
