@@ -1214,3 +1214,14 @@ def test_who_leaves_a_program_going_at_the_controllers_terminal_is_told_that_it_
     context = story.context
     assert context.cycle.status()["fault"] is None
     assert story.violations() == ()
+
+
+def test_a_refused_move_is_an_answer_where_it_was_asked_for_and_a_notice_at_the_other_frontends(story: Story) -> None:
+    story.sockets[0].say("disable")
+    story.wait(3.0)
+    story.texts.clear()
+    story.sockets[0].say("go home")
+    story.wait(1.0)
+    refused = "not_enabled: the arm is not enabled: `enable` first"
+    assert story.texts.count(refused) == 1
+    assert story.texts.count(f"refused, {refused}") == len(story.sockets) - 1
