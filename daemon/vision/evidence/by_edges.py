@@ -26,10 +26,11 @@ from daemon.vision.evidence.registered import (
     BY_NATS,
     ON_TABLE,
     RegisteredPart,
+    recognised_at,
     register_at,
     register_near,
 )
-from daemon.vision.facets import TablePlane, estimate_table, merge_vertices
+from daemon.vision.facets import TablePlane, estimate_table
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
@@ -51,7 +52,7 @@ from daemon.vision.image import StereoImages
 from daemon.vision.model import Model, facet_turns
 from daemon.vision.recognition import Recognised
 from daemon.vision.refine import SCALE, count_visible_facets
-from daemon.vision.values import NearestGuess, Part, Recognition
+from daemon.vision.values import NearestGuess, Recognition
 
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
 """Log odds less, the more the picture would give the part elsewhere, from this share on: two of three true ones of 300
@@ -382,16 +383,13 @@ def recognised_part(
     equivalent = _equivalent_poses(
         seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), images
     )
-    fit, numbers, facets, _ = seen.measured
+    fit, numbers = seen.measured.fit, seen.measured.numbers
     pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
-    corners = frames.apply(pose, seen.solid.corners_mm)
-    fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
     reason = f"{100 * seen.evidence.fraction:.0f} % of its expected edges are visible"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, reason, (seen.label,))
     equivalents = _equivalent_poses(seen.solid, pose, numbers, images)
     covariance = covariance + pose_spread(seen, same, equivalent)
-    part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
-    return Recognised(merge_vertices(list(facets)), part)
+    return recognised_at(seen.solid, seen.measured, name, pose, covariance, equivalents)
 
 
 def _odds_of_pose(one: RegisteredPart) -> float:

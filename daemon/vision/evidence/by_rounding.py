@@ -16,8 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.corner_rounding import Bend, bends, squared, stay_of
 from daemon.vision.evidence.hole_rims import motions_onto, of_its_size
-from daemon.vision.evidence.registered import measure_at
-from daemon.vision.facets import merge_vertices
+from daemon.vision.evidence.registered import measure_at, recognised_at
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model, symmetries
@@ -182,12 +181,10 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
 def _renamed(one: Recognised, competitor: _Competitor, model: Model, images: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
     solid = model.metric[competitor.label].solid
-    fit, numbers, facets, _ = measure_at(solid, competitor.pose, images, model)
-    if not numbers:
+    measured = measure_at(solid, competitor.pose, images, model)
+    if not measured.numbers:
         return without_name(one, f"may be {one.label} or {competitor.label}", one.part.recognition.confidence, model)
-    pose = fit.cyclopean_from_part
-    corners = frames.apply(pose, solid.corners_mm)
-    verdict = one.part.recognition
+    verdict, pose = one.part.recognition, measured.fit.cyclopean_from_part
     name = replace(
         verdict,
         label=competitor.label,
@@ -196,14 +193,5 @@ def _renamed(one: Recognised, competitor: _Competitor, model: Model, images: Ste
         candidates=(competitor.label,),
         reason=f"{verdict.reason}; its corners are as round as those of {competitor.label}",
     )
-    part = replace(
-        one.part,
-        recognition=name,
-        facets=facets,
-        cyclopean_from_part=pose,
-        covariance=fit.covariance,
-        residual_mm=fit.residual_mm,
-        fitted_mm=tuple(corners[solid.rings[k]] for k in numbers),
-        equivalents=np.asarray(pose @ symmetries(solid).motions),
-    )
-    return Recognised(merge_vertices(list(facets)), part)
+    equivalents = np.asarray(pose @ symmetries(solid).motions)
+    return recognised_at(solid, measured, name, pose, measured.fit.covariance, equivalents)

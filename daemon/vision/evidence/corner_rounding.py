@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, hidden, robust_weight, with_rings
+from daemon.vision.geometry import Polyhedron, in_sight, robust_weight, with_rings
 from daemon.vision.image import SMOOTHING_PX, CameraImage, levels_across, peak_places
 
 SHORT = 0.3
@@ -153,10 +153,8 @@ def stay_of(
                                                       bend.corner_mm + tangent_mm * bend.ways])))  # fmt: skip
     if ((px < ROOM_PX) | (px > np.array(view.grey.shape[::-1]) - 1 - ROOM_PX)).any():
         return None
-    if not solid.convex:
-        inside = bend.corner_mm + 0.02 * way_mm.sum(0)
-        if hidden(solid, inside[None], frames.apply(frames.inverse(pose), viewpoint_mm[None])[0])[0]:
-            return None
+    if not in_sight(solid, bend.corner_mm + 0.02 * way_mm.sum(0), pose, viewpoint_mm):
+        return None
     way = px[1:3] - px[0]
     long = np.linalg.norm(way, axis=1)
     way = way / np.maximum(long, 1e-9)[:, None]

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, hidden, hides_parallel_facet, off_segments, onto_circles, thickness
+from daemon.vision.geometry import Polyhedron, hides_parallel_facet, in_sight, off_segments, onto_circles, thickness
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import LEAST_ARC_PX, ROOM_PX, THIN_PX, across
 
@@ -77,10 +77,8 @@ def edge_places(solid: Polyhedron, pose: Array, images: StereoImages) -> list[Ed
     if solid.arcs:
         for own, at, *edges in zip(visible, px, start, end, strict=True):
             own &= ~_beside_others(solid, own, at, *edges)
-    if not solid.convex:
-        part_from_cyclopean = frames.inverse(pose)
-        for own, viewpoint_mm in zip(visible, images.geometry.cameras_mm, strict=True):
-            own &= ~hidden(solid, places, frames.apply(part_from_cyclopean, viewpoint_mm[None])[0]).reshape(own.shape)
+    for own, viewpoint_mm in zip(visible, images.geometry.cameras_mm, strict=True):
+        own &= in_sight(solid, places.reshape(*own.shape, 3), pose, viewpoint_mm)
     levels = np.zeros((*visible.shape, len(_OFFSETS_PX)), np.float32)
     for view, own, seen, at, *edge in zip(images.views, levels, visible, px, start, end, strict=True):
         own[seen] = levels_across(view.smooth, at[seen], across(*edge)[np.nonzero(seen)[0]], _OFFSETS_PX)

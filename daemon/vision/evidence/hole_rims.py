@@ -65,7 +65,8 @@ def by_holes(label: str, pose: Array, model: Model, images: StereoImages) -> ByH
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
     for k in of_its_size(own, solids):
         other = labels[k]
-        there = pose if other == label else next((pose @ one for one in _motions(own, solids[k])), None)
+        motions = motions_onto(own, solids[k]) if own.holes or solids[k].holes else ()  # which holes may distinguish
+        there = pose if other == label else next((pose @ one for one in motions), None)
         if there is not None:
             best[other] = turned_by_holes(other, there, model, images)
     ranked = sorted(best, key=lambda name: (-best[name][0], name != label))
@@ -98,11 +99,6 @@ def _by_size(solids: tuple[Polyhedron, ...]) -> dict[tuple[int, int], list[int]]
     for number, solid in enumerate(solids):
         found.setdefault((len(solid.corners_mm), len(solid.facets)), []).append(number)
     return found
-
-
-def _motions(one: Polyhedron, other: Polyhedron) -> Array:
-    """(N, 4, 4) one_from_other, as motions_onto, of solids that holes may tell apart."""
-    return motions_onto(one, other) if one.holes or other.holes else np.zeros((0, 4, 4))
 
 
 @lru_cache(maxsize=4096)

@@ -96,10 +96,10 @@ def inverted_corners(solid: Polyhedron) -> tuple[Polyhedron, ...]:
 @lru_cache(maxsize=256)
 def completed_corners(solid: Polyhedron) -> tuple[Polyhedron, ...]:
     """A solid without each of its facets beyond which the edges that end at it meet in one point, drawn on to there."""
-    beside = _neighbours(solid)
+    ways = {*solid.edges, *((other, one) for one, other in solid.edges)}  # a side of two facets is there twice
     found = list[Polyhedron]()
     for facet, ring in enumerate(solid.rings):
-        beyond = [[k for k in beside[corner] if k not in ring] for corner in ring.tolist()]
+        beyond = [[k for here, k in ways if here == corner and k not in ring] for corner in ring.tolist()]
         if any(len(one) != 1 for one in beyond):
             continue
         tip = _met_at(solid.corners_mm[ring], solid.corners_mm[[one[0] for one in beyond]])
@@ -185,12 +185,3 @@ def without_corner(solid: Polyhedron, corner: int, shares: Mapping[int, float]) 
         cap.append(onward[cap[-1]])
     closed = onward.get(cap[-1]) == cap[0] and len(cap) > 2  # where a facet there is not known the cut is not bounded
     return with_rings(np.vstack([solid.corners_mm, points]), [*rings, *([cap] if closed else [])])
-
-
-def _neighbours(solid: Polyhedron) -> list[set[int]]:
-    """Return of each corner those at the other ends of its edges."""
-    found = [set[int]() for _ in solid.corners_mm]
-    for one, other in solid.edges:
-        found[one].add(other)
-        found[other].add(one)
-    return found

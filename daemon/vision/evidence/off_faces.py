@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, hidden
+from daemon.vision.geometry import Polyhedron, in_sight
 from daemon.vision.image import CameraImage, StereoImages, find_segments, levels_across, runs, slopes_across
 from daemon.vision.refine import across
 
@@ -104,10 +104,7 @@ def _off_in(
     normal, theirs = across(at, at + way), across(begins, ends)
     seen = (maps[1 - one].at(px) == face) & (np.abs(((moved - px) * theirs).sum(1)) > ACROSS)
     seen &= ((px > REACH_PX) & (px < np.array(other.grey.shape[::-1]) - 1 - REACH_PX)).all(1)
-    if not solid.convex:
-        part_from_cyclopean = frames.inverse(pose)
-        viewpoint = frames.apply(part_from_cyclopean, geometry.cameras_mm[one][None])[0]
-        seen &= ~hidden(solid, frames.apply(part_from_cyclopean, places[1]), viewpoint)
+    seen &= in_sight(solid, frames.apply(frames.inverse(pose), places[1]), pose, geometry.cameras_mm[one])
     mine = slopes_across(levels_across(view.smooth, at[seen], normal[seen], _OFFSETS_PX[REACH_PX - 1 : -REACH_PX + 1]))
     found = slopes_across(levels_across(other.smooth, px[seen], theirs[seen], _OFFSETS_PX))
     slope = np.take_along_axis(mine, np.abs(mine).argmax(1)[:, None], 1)

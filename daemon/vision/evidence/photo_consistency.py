@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, hidden, inside
+from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, in_sight, inside
 from daemon.vision.image import StereoImages
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
@@ -90,9 +90,8 @@ def bare_places(solid: Polyhedron, index: int, places: Array, pose: Array, image
     for hole in solid.holes:
         if hole.facet == index:
             broken |= inside(flat[:, :2], frames.apply(flat_from_part, hole.ring_mm)[None, :, :2])[0]
-    if not solid.convex:
-        for viewpoint_mm in frames.apply(frames.inverse(pose), np.stack(images.geometry.cameras_mm)):
-            broken |= hidden(solid, places, viewpoint_mm)
+    for viewpoint_mm in images.geometry.cameras_mm:
+        broken |= ~in_sight(solid, places, pose, viewpoint_mm)
     if not broken.any():
         return ~broken
     away_mm = float(np.linalg.norm(frames.apply(pose, solid.centres_mm[index][None])))

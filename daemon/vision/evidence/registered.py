@@ -13,15 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.evidence.occlusion import hidden_of
-from daemon.vision.facets import triangulate
+from daemon.vision.facets import merge_vertices, triangulate
 from daemon.vision.geometry import PlanarShape, Polyhedron, SolidBatch
 from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
-from daemon.vision.recognition import typed_as
+from daemon.vision.recognition import Recognised, typed_as
 from daemon.vision.refine import (
     EdgeEvidence,
     EdgeObservation,
@@ -32,7 +33,7 @@ from daemon.vision.refine import (
     facets_from_edges,
     refine_from_pose,
 )
-from daemon.vision.values import Facet
+from daemon.vision.values import Facet, Part, Recognition
 
 BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -2.7
 """What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
@@ -139,6 +140,15 @@ def measure_at(
     that was asked already."""
     fit, observed = refine_from_pose(solid, images, pose, model.parameters.tolerance_mm, samples)
     outlined = facets_from_edges(solid, observed)
-    facets = triangulate([(one.left, one.right) for one in outlined], images.geometry)
-    numbers = [one.index for one in outlined]
+    facets, numbers = triangulate([(left, right) for left, right in outlined.values()], images.geometry), list(outlined)
     return MeasuredPart(fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library), observed)
+
+
+def recognised_at(
+    solid: Polyhedron, measured: MeasuredPart, name: Recognition, pose: Array, covariance: Array, equivalents: Array
+) -> Recognised:
+    """A measured part with its name, at a pose (4, 4) with covariance (6, 6) and its equivalents (E, 4, 4)."""
+    corners = frames.apply(pose, solid.corners_mm)
+    fitted = tuple(corners[solid.rings[k]] for k in measured.numbers)
+    part = Part(name, measured.facets, pose, covariance, measured.fit.residual_mm, fitted, equivalents)
+    return Recognised(merge_vertices(list(measured.facets)), part)

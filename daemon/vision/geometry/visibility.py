@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import inside
@@ -53,6 +54,15 @@ def hidden(solid: Polyhedron, points: Array, viewpoint: Array) -> Flags:
         met = (viewpoint + reach[asked, k, None] * rays[asked])[:, level]
         covered[asked] = inside(met, rings[k][None, :, level])[0]
     return covered
+
+
+def in_sight(solid: Polyhedron, places: Array, pose: Array, viewpoint_mm: Array) -> Flags:
+    """(...) which places (..., 3) of a solid at cyclopean_from_part (4, 4) are not hidden by the solid itself from a
+    camera at viewpoint_mm (3,), cyclopean."""
+    if solid.convex:
+        return np.ones(places.shape[:-1], bool)
+    viewpoint = frames.apply(frames.inverse(pose), viewpoint_mm[None])[0]
+    return ~hidden(solid, places.reshape(-1, 3), viewpoint).reshape(places.shape[:-1])
 
 
 def hides_parallel_facet(solid: Polyhedron, places: Array, viewpoint: Array) -> Flags:

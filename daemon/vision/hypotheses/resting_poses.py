@@ -20,6 +20,7 @@ from daemon.arrays import Array
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit, solve
 from daemon.vision.hypotheses.pose_batch import PoseBatch
+from daemon.vision.model import in_batches
 from daemon.vision.refine import turned
 
 FLAT_MM = 1.0
@@ -69,16 +70,7 @@ def resting_planes(solid: Polyhedron) -> Array:
 @lru_cache(maxsize=4)
 def resting_planes_of(shapes: tuple[Polyhedron, ...]) -> list[Array]:
     """Return the resting planes of several solids, those that have as many corners together."""
-    found = [np.zeros((0, 4))] * len(shapes)
-    counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
-    for count in np.unique(counts).tolist():
-        alike = np.flatnonzero(counts == count)
-        each = max(MOST_AT_ONCE // count**4, 1)
-        for first in range(0, len(alike), each):
-            own = alike[first : first + each].tolist()
-            for k, planes in zip(own, _rests_of_as_many([shapes[k] for k in own]), strict=True):
-                found[k] = planes
-    return found
+    return in_batches(shapes, lambda count: MOST_AT_ONCE // count**4, _rests_of_as_many)
 
 
 def _rests_of_as_many(shapes: Sequence[Polyhedron]) -> list[Array]:
@@ -165,7 +157,9 @@ def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: 
     poses = turned(posed.poses, turns, points)
     sight = points - (geometry.middle_mm - geometry.cyclopean_from_baseline[:, 0] * geometry.length_mm / 2)
     sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    too_high_mm = _lowest_mm(PoseBatch(posed.solids, posed.part, poses), table)
+    up = poses[:, :3, :3].transpose(0, 2, 1) @ table.up
+    heights = (posed.solids.corners_mm[posed.part] @ up[..., None])[..., 0]  # what fills up is a corner of its own
+    too_high_mm = heights.min(1) + poses[:, :3, 3] @ table.up - table.level_mm
     farther = too_high_mm / np.maximum(-sight @ table.up, LEAST_SLOPE)
     poses[:, :3, 3] += farther[:, None] * sight
     down = (cosine > np.cos(MOST_TILT)) & (np.abs(farther) < MOST_MM)
@@ -183,13 +177,6 @@ def _nearest_rest(posed: PoseBatch, table: TablePlane) -> tuple[Array, Array]:
     cosines = (planes @ down[..., None])[..., 0]
     best = np.arange(len(planes)), cosines.argmax(1)
     return planes[best], cosines[best]
-
-
-def _lowest_mm(posed: PoseBatch, table: TablePlane) -> Array:
-    """(G,) how high the lowest corner of each is."""
-    up = posed.poses[:, :3, :3].transpose(0, 2, 1) @ table.up
-    heights = (posed.solids.corners_mm[posed.part] @ up[..., None])[..., 0]  # what fills up is a corner of its own
-    return np.asarray(heights.min(1) + posed.poses[:, :3, 3] @ table.up - table.level_mm)
 
 
 def smallest_turns(one: Array, to: Array) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets import MeasuredCircle, find_circles
+from daemon.vision.facets import MeasuredCircle, find_circles, merge_vertices
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
 from daemon.vision.hypotheses.circles import poses_from_circles, taught_radii
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
@@ -32,7 +32,7 @@ from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting
 from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_poses
 from daemon.vision.image import SegmentCorners, StereoImages, join_segments, ranks, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import facet_kind_counts, facet_placements, suspected_poses
+from daemon.vision.recognition import facet_kind_counts, facet_placements, facet_poses
 from daemon.vision.refine import turned
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
@@ -49,6 +49,7 @@ MOST_PROMISING, OF_A_BUNDLE = 600, 4
 same pose: a part in plain sight has thousands, and one beside it is there as well."""
 LEAST_NATS = 180.0
 """Evidence of segments against chance, a third of which a guess must have to be looked at."""
+SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
 FEWEST_IN_VIEW = 2
 """Facets of a part that is named by its edges: one alone is no proof."""
 
@@ -128,7 +129,7 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.images.geometry
     posed, hinges, tested = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
-    more, nats = _by_circles(search)
+    more, nats = poses_from_circles(search.circles, solids)  # and what further circles speak for each
     more_hinges = np.zeros((len(nats), 2, 3))
     if not search.uncluttered:
         others, other_hinges = _by_facets(search)
@@ -139,14 +140,10 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
     return _likeliest(search, *_laid_down(search, posed, hinges), tested, spent, further)
 
 
-def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
-    """Return what circles could be rims of, and what further circles speak for each, nats (G,)."""
-    return poses_from_circles(search.circles, taught_solids(search.model))
-
-
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
     """Return what facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
-    found = [suspected_poses(facet, search.model) for group in search.unnamed for facet in group.facets]
+    facets = (merge_vertices([facet]).polyhedron for group in search.unnamed for facet in group.facets)
+    found = [facet_poses(facet, search.model.metric, SUSPECT_MM) for facet in facets]
     part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
     posed = PoseBatch(
         taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)])

@@ -1,6 +1,6 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
-from daemon.vision.model.aspect_sets import Aspect, aspects, spread
+from daemon.vision.model.aspect_sets import aspects, spread
 from daemon.vision.model.correspond import Correspondence, correspondences, correspondences_from
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
@@ -13,7 +13,7 @@ from daemon.vision.model.facet_types import (
     types_of_each,
     with_types_of_arcs,
 )
-from daemon.vision.model.merge import MetricModel, corresponding_facets, fit_shared, merge_views
+from daemon.vision.model.merge import MetricModel, fit_shared, merge_views
 from daemon.vision.model.model import (
     Model,
     TaughtView,
@@ -31,6 +31,7 @@ from daemon.vision.model.symmetry import (
     Axis,
     axis_of_revolution,
     facet_turns,
+    in_batches,
     mirror_images,
     symmetries,
     turns_but_for_holes,

@@ -85,8 +85,9 @@ def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedro
         ]
         if fitting:
             fitting.sort(key=lambda pair: pair[0])
-            shape = _shape(fitting[0][1])
-            same = all(_same_shape(shape, _shape(other)) for _, other in fitting[1:])
+            spans = [_spans(one) for _, one in fitting]
+            limit = ALIKE_MM + ALIKE_SHARE * spans[0].max()
+            same = all(one.shape == spans[0].shape and np.abs(one - spans[0]).max() < limit for one in spans[1:])
             return fitting[0][1] if same else None
     return None
 
@@ -116,23 +117,20 @@ def _united(whole: Polyhedron, view: Polyhedron, correspondence: Correspondence,
         one, two = np.linalg.inv(covariance[there]), np.linalg.inv(spread[k])
         covariance[there] = np.linalg.inv(one + two)
         corners[there] = covariance[there] @ (one @ corners[there] + two @ moved[k])
-    extra = owners >= len(whole.corners_mm)
-    rings = [tuple(int(owners[k]) for k in view.facets[f]) for f, g in enumerate(correspondence.facets) if g < 0]
-    types = [view.types[f] for f, g in enumerate(correspondence.facets) if g < 0]
-    known = {frozenset(ring) for ring in whole.facets}
-    new = [i for i, ring in enumerate(rings) if frozenset(ring) not in known]
-    added = [f for f, g in enumerate(correspondence.facets) if g < 0]
+    extra, known = owners >= len(whole.corners_mm), {frozenset(ring) for ring in whole.facets}
+    rings = {f: tuple(owners[view.rings[f]].tolist()) for f, g in enumerate(correspondence.facets) if g < 0}
+    new = [f for f, ring in rings.items() if frozenset(ring) not in known]
     arcs = (
         OutlineArc(len(whole.facets) + n, arc.points_mm @ turn.T + shift)
-        for n, i in enumerate(new)
+        for n, f in enumerate(new)
         for arc in view.arcs
-        if arc.facet == added[i]
+        if arc.facet == f
     )
     return Polyhedron(
         np.concatenate([corners, moved[extra]]),
-        whole.facets + tuple(rings[i] for i in new),
+        whole.facets + tuple(rings[f] for f in new),
         np.concatenate([covariance, spread[extra]]),
-        whole.types + tuple(types[i] for i in new),
+        whole.types + tuple(view.types[f] for f in new),
         arcs=(*whole.arcs, *arcs),
     )
 
@@ -146,8 +144,10 @@ def _owners(whole: Polyhedron, moved: Array, spread: Array, correspondence: Corr
     free = set(range(len(whole.corners_mm))) - set(owners[owners >= 0].tolist())
     new = len(whole.corners_mm)
     for k in np.nonzero(owners < 0)[0]:
-        near = min(free, key=lambda j: float(np.linalg.norm(whole.corners_mm[j] - moved[k])), default=None)
-        if near is not None and _coincide(whole.corners_mm[near] - moved[k], whole.covariance_mm2[near] + spread[k]):
+        apart = {j: float(np.linalg.norm(whole.corners_mm[j] - moved[k])) for j in free}
+        near = min(apart, key=lambda j: apart[j], default=-1)
+        doubt_mm = SIGMAS * float(np.sqrt(np.trace(whole.covariance_mm2[near] + spread[k])))
+        if near >= 0 and apart[near] < min(NEVER_MM, max(ALWAYS_MM, doubt_mm)):
             owners[k] = near
             free.discard(near)
         else:
@@ -155,21 +155,11 @@ def _owners(whole: Polyhedron, moved: Array, spread: Array, correspondence: Corr
     return owners
 
 
-def _coincide(apart: Array, covariance: Array) -> bool:
-    """Whether two corners are one."""
-    distance = float(np.linalg.norm(apart))
-    return distance < min(NEVER_MM, max(ALWAYS_MM, SIGMAS * float(np.sqrt(np.trace(covariance)))))
-
-
-def _shape(solid: Polyhedron) -> Array:
+def _spans(solid: Polyhedron) -> Array:
     """Sorted distances between all corners: the same for congruent solids, mirrored or not."""
     corners = solid.corners_mm
     rows, columns = np.triu_indices(len(corners), 1)
     return np.sort(np.linalg.norm(corners[rows] - corners[columns], axis=1))
-
-
-def _same_shape(one: Array, other: Array) -> bool:
-    return one.shape == other.shape and bool(np.abs(one - other).max() < ALIKE_MM + ALIKE_SHARE * one.max())
 
 
 def _in_part_frame(solid: Polyhedron) -> Polyhedron:

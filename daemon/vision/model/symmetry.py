@@ -5,10 +5,10 @@ In: solids. Out: for each, which corner takes each one's place, and the turn. A 
 side of one facet and the corner before it; those whose lengths allow it are tried on all corners and facets.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -16,6 +16,8 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Hole, OutlineArc, Polyhedron, apart2, axes_in, basis, circle_along, exact
+
+T = TypeVar("T")
 
 EXACT_MM = 0.01
 """Largest distance, mm, between corners that a drawing made the same."""
@@ -157,16 +159,24 @@ def _flipped(solid: Polyhedron, flip: Array, at: Array, there: Array) -> tuple[O
 def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
     """Return of each solid the turns after which every corner lies within so many mm of one, every facet on one, and
     every hole in one."""
-    found: list[Turns | None] = [None] * len(shapes)
-    counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
+    turns = in_batches(
+        shapes, lambda count: MAX_AT_ONCE // (24 * count * count), lambda own: _of_as_many(own, within_mm)
+    )
+    rims_mm = max(within_mm, SAME_RIM_MM)
+    return [_keeping_holes(shape.holes, own, rims_mm) for shape, own in zip(shapes, turns, strict=True)]
+
+
+def in_batches(
+    shapes: Sequence[Polyhedron], most: Callable[[int], int], of_as_many: Callable[[list[Polyhedron]], list[T]]
+) -> list[T]:
+    """Apply a function of solids that have as many corners as each other to several, as many together as `most` says of
+    a number of corners; return what it says of each."""
+    counts, found = np.array([len(shape.corners_mm) for shape in shapes], np.intp), dict[int, T]()
     for count in np.unique(counts).tolist():
-        alike = np.flatnonzero(counts == count)
-        each = max(MAX_AT_ONCE // (24 * count * count), 1)
-        for first in range(0, len(alike), each):
-            own = alike[first : first + each]
-            for k, turns in zip(own.tolist(), _of_as_many([shapes[k] for k in own.tolist()], within_mm), strict=True):
-                found[k] = _keeping_holes(shapes[k].holes, turns, max(within_mm, SAME_RIM_MM))
-    return [turns for turns in found if turns is not None]
+        alike, each = np.flatnonzero(counts == count).tolist(), max(most(count), 1)
+        for own in (alike[first : first + each] for first in range(0, len(alike), each)):
+            found.update(zip(own, of_as_many([shapes[k] for k in own]), strict=True))
+    return [found[k] for k in range(len(shapes))]
 
 
 def _keeping_holes(holes: Sequence[Hole], turns: Turns, within_mm: float) -> Turns:
@@ -175,17 +185,12 @@ def _keeping_holes(holes: Sequence[Hole], turns: Turns, within_mm: float) -> Tur
         return turns
     kept = [
         all(
-            any(_same_rim(frames.apply(motion, one.ring_mm), other.ring_mm, within_mm) for other in holes)
-            for one in holes
+            any(max(_off_rim_mm(rim, other.ring_mm), _off_rim_mm(other.ring_mm, rim)) < within_mm for other in holes)
+            for rim in (frames.apply(motion, one.ring_mm) for one in holes)
         )
         for motion in turns.motions
     ]
     return Turns(turns.corners[kept], turns.motions[kept])
-
-
-def _same_rim(one: Array, other: Array, within_mm: float) -> bool:
-    """Whether the corners of either rim (N, 3), (M, 3) lie on the other."""
-    return max(_off_rim_mm(one, other), _off_rim_mm(other, one)) < within_mm
 
 
 def _off_rim_mm(points: Array, ring: Array) -> float:

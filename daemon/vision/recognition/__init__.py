@@ -1,7 +1,7 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
 from daemon.vision.recognition.confidence import facet_kind_counts
-from daemon.vision.recognition.fits import PoseEvidence, facet_placements, fit_candidates, recall_views
+from daemon.vision.recognition.fits import PoseEvidence, facet_placements, facet_poses, fit_candidates, recall_views
 from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
@@ -10,7 +10,6 @@ from daemon.vision.recognition.group_recognition import (
     recognise_group,
     recognise_groups,
     recognise_part,
-    suspected_poses,
     typed_as,
     without_name,
 )

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array, Flags, Index
+from daemon.arrays import Array, Index
 from daemon.art import RelationalView
-from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
+from daemon.vision.geometry import Polyhedron, chi_square_tail, fit_poses, rough_fit
 from daemon.vision.model import (
     EXACT_MM,
     Correspondence,
@@ -170,13 +170,24 @@ def fit_candidates(
     then the smallest chi-square. Where all are ruled out, the nearest."""
     if not candidates:
         return ()
-    observed_mm, covariance, corners, spread, used = _matched(observed, metric, candidates)
+    observed_mm, covariance = observed.corners_mm, observed.covariance_mm2
+    onto = [(metric[label].solid, correspondence.corners) for label, correspondence in candidates]
+    corners, spread = (
+        np.stack([getattr(solid, name)[own] for solid, own in onto]) for name in ("corners_mm", "covariance_mm2")
+    )
+    used = np.stack([own >= 0 for _, own in onto])
     rotation, shift, rms = rough_fit(observed_mm, covariance, corners, used)
     unsure = SURE * float(np.sqrt(observed.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
     near = np.flatnonzero(rms <= max(ROUGH_MM, unsure)).tolist() or [int(rms.argmin())]
     start = rotation[near], shift[near]
     fits = fit_poses(observed_mm, covariance, corners[near], spread[near], used[near], tolerance_mm, start)
-    found = [_hypothesis(candidates[k], fits, i) for i, k in enumerate(near)]
+    found = [
+        FacetHypothesis(
+            label, correspondence.facets, correspondence.corners, fits.poses[i], fits.covariance[i],
+            float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
+        )
+        for i, (label, correspondence) in enumerate(candidates[k] for k in near)
+    ]  # fmt: skip
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
 
 
@@ -195,40 +206,23 @@ def add_evidence(
 def single_facet_candidates(observed: Polyhedron, metric: Mapping[str, MetricModel]) -> list[LabelledCorrespondence]:
     """Return taught facets, in turns, that a single seen one may be by the distances between its corners: those near,
     or where there is none those that are not far, the nearest MAX_RECALLED."""
-    places, off, labels = _places(observed, 0, metric)
-    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MAX_RECALLED))), ())
-    found = []
-    for part, facet, turn in places.which[near].tolist():
-        found.append((labels[part], _single_facet_correspondence(observed, metric[labels[part]].solid, facet, turn)))
+    labels, found = tuple(metric), list[LabelledCorrespondence]()
+    for part, facet, turn in _near_places(observed, metric, (CLOSE_MM, ROUGH_MM), MAX_RECALLED).which.tolist():
+        ring, corners = metric[labels[part]].solid.facets[facet], np.empty(len(observed.corners_mm), np.intp)
+        corners[observed.rings[0]] = ring[turn:] + ring[:turn]
+        found.append((labels[part], Correspondence((facet,), corners)))
     return found
 
 
 def facet_poses(observed: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
     """Return the taught facets in turns whose corners come this near to those of a single seen one, MAX_NEAR at most,
     the nearest first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
-    places, off, _ = _places(observed, 0, metric)
-    near = _nearest(off, SPREAD * rms_mm, MAX_NEAR)
-    if not len(near):
-        return np.zeros(0, np.intp), np.zeros((0, 4, 4))
-    taught, ring = places.corners_mm[near], observed.rings[0]
-    used = np.ones(taught.shape[:2], bool)
-    rotation, shift, rms = rough_fit(observed.corners_mm[ring], observed.covariance_mm2[ring], taught, used)
+    places, ring = _near_places(observed, metric, (rms_mm,), MAX_NEAR), observed.rings[0]
+    used = np.ones(places.corners_mm.shape[:2], bool)
+    rotation, shift, rms = rough_fit(observed.corners_mm[ring], observed.covariance_mm2[ring], places.corners_mm, used)
     best = np.argsort(rms, kind="stable")
     best = best[rms[best] < rms_mm]
-    return places.which[near[best], 0], frames.rigid(rotation[best], shift[best])
-
-
-def _nearest(off: Array, limit: float, most: int) -> Index:
-    """Return the indices of (N,) below a limit, the lowest ones, at most so many."""
-    near = np.flatnonzero(off < limit)
-    return near if len(near) <= most else near[np.argpartition(off[near], most)[:most]]
-
-
-def _single_facet_correspondence(observed: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
-    """Lay a single seen facet onto a taught one."""
-    corners, ring = np.empty(len(observed.corners_mm), np.intp), taught.facets[facet]
-    corners[observed.rings[0]] = ring[turn:] + ring[:turn]
-    return Correspondence((facet,), corners)
+    return places.which[best, 0], frames.rigid(rotation[best], shift[best])
 
 
 class _Places(NamedTuple):
@@ -240,21 +234,25 @@ class _Places(NamedTuple):
     spans_mm: Array
 
 
-def _places(
-    observed: Polyhedron, facet: int, metric: Mapping[str, MetricModel]
-) -> tuple[_Places, Array, tuple[str, ...]]:
-    """Every taught facet, in every turn, that has as many sides as a seen one (N of them); by how much their corners'
-    distances from each other differ at most, beyond what they may have been measured wrongly, mm; and the labels of
-    the parts."""
-    ring, labels = observed.rings[facet], tuple(metric)
+def _near_places(
+    observed: Polyhedron, metric: Mapping[str, MetricModel], reaches_mm: Sequence[float], most: int
+) -> _Places:
+    """Taught facets, in turns, with as many sides as a single seen one, whose corners' distances from each other differ
+    from the seen ones, beyond measuring errors, by less than the first of some reaches that any is within; the nearest,
+    at most so many."""
+    ring = observed.rings[0]
     places = facet_placements(tuple(model.solid for model in metric.values())).get(len(ring))
     if places is None:
-        return _Places(np.zeros((0, 3), np.intp), *np.zeros((2, 0, len(ring), 3))), np.zeros(0), labels
-    wanted = _distances(observed.corners_mm[ring])
-    variance = observed.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
+        return _Places(np.zeros((0, 3), np.intp), *np.zeros((2, 0, len(ring), 3)))
     one, other = _pairs(len(ring))
-    excess = np.abs(places.spans_mm - wanted) - SURE * np.sqrt(variance[one] + variance[other])
-    return places, excess.max(1), labels
+    corners = observed.corners_mm[ring]
+    variance = observed.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
+    wanted = np.sqrt(((corners[one] - corners[other]) ** 2).sum(1))
+    off = (np.abs(places.spans_mm - wanted) - SURE * np.sqrt(variance[one] + variance[other])).max(1)
+    near = next((n for reach in reaches_mm if len(n := np.flatnonzero(off < SPREAD * reach))), np.zeros(0, np.intp))
+    if len(near) > most:
+        near = near[np.argpartition(off[near], most)[:most]]
+    return _Places(places.which[near], places.corners_mm[near], places.spans_mm[near])
 
 
 @lru_cache(maxsize=4)
@@ -284,24 +282,10 @@ def facet_placements(solids: tuple[Polyhedron, ...]) -> dict[int, _Places]:
     return places
 
 
-def _distances(corners: Array) -> Array:
-    """(N (N - 1) / 2,) distances between every two of (N, 3) corners."""
-    one, other = _pairs(len(corners))
-    return np.asarray(np.sqrt(((corners[one] - corners[other]) ** 2).sum(1)))
-
-
 @lru_cache(maxsize=64)
 def _pairs(count: int) -> tuple[Index, Index]:
     """Every two of so many."""
     return np.triu_indices(count, 1)
-
-
-def _hypothesis(candidate: LabelledCorrespondence, fits: Fits, i: int) -> FacetHypothesis:
-    label, correspondence = candidate
-    return FacetHypothesis(
-        label, correspondence.facets, correspondence.corners, fits.poses[i], fits.covariance[i],
-        float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
-    )  # fmt: skip
 
 
 def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taught: Polyhedron) -> Array:
@@ -315,19 +299,6 @@ def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taug
         and h.score < best.score + EQUAL_CHI2
     ]
     return (np.stack([best.pose, *same])[:, None] @ symmetries(taught).motions).reshape(-1, 4, 4)
-
-
-def _matched(
-    observed: Polyhedron, metric: Mapping[str, MetricModel], candidates: Sequence[LabelledCorrespondence]
-) -> tuple[Array, Array, Array, Array, Flags]:
-    """Return the arguments of fit_poses: observed corners, their covariance, their counterparts in each candidate,
-    their covariance, which are used."""
-    corners = np.stack([metric[label].solid.corners_mm[correspondence.corners] for label, correspondence in candidates])
-    covariance = np.stack(
-        [metric[label].solid.covariance_mm2[correspondence.corners] for label, correspondence in candidates]
-    )
-    used = np.stack([correspondence.corners >= 0 for _, correspondence in candidates])
-    return observed.corners_mm, observed.covariance_mm2, corners, covariance, used
 
 
 def most_likely_corners(observed: Polyhedron, taught: Polyhedron, fit: FacetHypothesis, tolerance_mm: float) -> Array:

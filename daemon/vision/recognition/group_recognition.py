@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daemon.arrays import Array, Flags, Index
+from daemon.arrays import Array, Flags
 from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, type_number, types_of
@@ -22,7 +22,6 @@ from daemon.vision.recognition.fits import (
     Recalled,
     add_evidence,
     equivalents,
-    facet_poses,
     fit_candidates,
     most_likely_corners,
     recall_views,
@@ -32,7 +31,6 @@ from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 MIN_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
 FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
-SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
 MIN_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
@@ -90,24 +88,15 @@ def merge_adjacent(
     parts = list(recognised)
     for one, other in combinations(recognised, 2):
         if one in parts and other in parts and one.label == other.label:
-            whole = _as_one(one.group, other.group, model, evidence)
-            if whole is not None:
-                parts = [p for p in parts if p not in (one, other)] + [whole]
+            whole, count = merge_vertices(one.group.facets + other.group.facets), len(one.group.facets)
+            if whole.touching[:count, count:].any() and (found := recognise_group(whole, model, evidence)).named:
+                parts = [p for p in parts if p not in (one, other)] + [found]
     return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
 def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Recognised:
     """Recognise one group; return it with its part."""
     return Recognised(group, recognise_part(group, model, evidence))
-
-
-def _as_one(one: Group, other: Group, model: Model, evidence: PoseEvidence | None) -> Recognised | None:
-    """Merge two groups if they share an edge and have a name together; else None."""
-    whole = merge_vertices(one.facets + other.facets)
-    if not whole.touching[: len(one.facets), len(one.facets) :].any():
-        return None
-    found = recognise_group(whole, model, evidence)
-    return found if found.named else None
 
 
 def _recognise_or_split(group: Group, model: Model, evidence: PoseEvidence | None) -> tuple[Recognised, ...]:
@@ -136,12 +125,6 @@ def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspected_poses(facet: Facet, model: Model) -> tuple[Index, Array]:
-    """Return every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or
-    not; the nearest first."""
-    return facet_poses(merge_vertices([facet]).polyhedron, model.metric, SUSPECT_MM)
-
-
 def without_name(named: Recognised, reason: str, confidence: float, model: Model) -> Recognised:
     """Remove the name of a recognised group, of which one may no longer have more than this confidence."""
     verdict = _unnamed((named.label,), 1 - confidence, reason, (named.label,))
@@ -166,7 +149,7 @@ def recognise_part(group: Group, model: Model, evidence: PoseEvidence | None = N
     seen = typed.group
     proposed, fits = _recall_and_fit(typed, model)
     fits = add_evidence(fits, evidence, model.metric)
-    best = _best_by_label(fits)
+    best = tuple(next(h for h in fits if h.label == label) for label in dict.fromkeys(h.label for h in fits))
     consistent = [h for h in fits if _is_consistent(h, seen)]
     probabilities = label_probabilities(seen.polyhedron, consistent, model) if consistent else {}
     verdict = _verdict(seen, best, proposed, probabilities, model)
@@ -228,13 +211,6 @@ def _is_consistent(hypothesis: FacetHypothesis, group: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
     whole = hypothesis.explained == len(group.facets)
     return whole and hypothesis.tail > MIN_TAIL and hypothesis.rms_mm < FARTHEST_MM
-
-
-def _best_by_label(fits: tuple[FacetHypothesis, ...]) -> tuple[FacetHypothesis, ...]:
-    best: dict[str, FacetHypothesis] = {}
-    for h in fits:
-        best.setdefault(h.label, h)
-    return tuple(best.values())
 
 
 def _verdict(

@@ -2,7 +2,6 @@
 
 from daemon.vision.refine.edge_adjustment import PRIOR, WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
-    OutlinedFacet,
     clear_edge_fraction,
     count_visible_facets,
     expected_covariance,
@@ -21,7 +20,6 @@ from daemon.vision.refine.expected_edges import (
     SCALE,
     THIN_PX,
     EdgeObservation,
-    ExpectedEdges,
     across,
     turned,
 )
@@ -39,9 +37,7 @@ __all__ = [
     "EdgeEvidence",
     "EdgeObservation",
     "EdgeSamples",
-    "ExpectedEdges",
     "Fit",
-    "OutlinedFacet",
     "RimSeen",
     "across",
     "aligned_to_edges",

@@ -111,7 +111,8 @@ def adjust_pose(
     found = _solved(design, wanted, doubt, use, held, towards)
     trust = found.trust
     if anchor is not None and found.excess[0] > CONTRADICTED:
-        astray_px2, usual_px2 = 0.0, _usual_px2(doubt, trust[0])
+        variance = np.trace(doubt, axis1=1, axis2=2) / 2
+        astray_px2, usual_px2 = 0.0, float(trust.sum() / max(float((trust[0] / variance).sum()), 1e-9))  # harmonic mean
         for _ in range(ASTRAY_PASSES):
             astray_px2 = min(max(found.excess[0] * (usual_px2 + astray_px2) - usual_px2, 0.0), MOST_ASTRAY_PX**2)
             found = _solved(design, wanted, doubt + astray_px2 * np.eye(2), trust, held, towards, passes=1)
@@ -126,15 +127,10 @@ def adjust_pose(
     spread = spread + np.outer(with_wear, with_wear) * (sigma2_mm2 - spread[-1, -1])
     moved = frames.perturb(pose, solution[:6])
     corners = frames.apply(moved, shape.corners_mm) + solution[6:-1].reshape(-1, 3)
-    as_made = _pose_as_made(shape, pose)
-    return AdjustedPose(moved, np.asarray(as_made @ spread[:-1, :-1] @ as_made.T, float), corners, solution[:6])
-
-
-def _pose_as_made(shape: Polyhedron, pose: Array) -> Array:
-    """(6, 6 + 3 K) what takes a motion of the taught part, and how far each corner of this one is off its taught place,
-    to the motion of the pose that lays the taught corners onto this part's best: by which its pose is meant."""
+    # The pose is meant as the one that lays the taught corners best onto where this part's own are.
     slopes = frames.point_motion(shape.corners_mm @ pose[:3, :3].T).reshape(-1, 6)
-    return np.hstack([np.eye(6), np.linalg.pinv(slopes)])
+    as_made = np.hstack([np.eye(6), np.linalg.pinv(slopes)])
+    return AdjustedPose(moved, np.asarray(as_made @ spread[:-1, :-1] @ as_made.T, float), corners, solution[:6])
 
 
 def _solved(
@@ -145,12 +141,6 @@ def _solved(
     whiten = whitener(doubt)
     rows, far = (whiten @ design)[None], (whiten @ off[..., None])[None, ..., 0]
     return solve(rows, far, use, held, towards, passes=passes, spare=6, grows=False)
-
-
-def _usual_px2(doubt: Array, trust: Array) -> float:
-    """Return the harmonic mean of what the ends (E, 2, 2) of lines trusted so much (E,) are doubted by."""
-    variance = np.trace(doubt, axis1=1, axis2=2) / 2
-    return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
 
 
 def wear_of(found_mm: float, variance_mm2: float) -> tuple[float, float]:

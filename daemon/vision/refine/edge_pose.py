@@ -111,15 +111,6 @@ class Located:
     observed: tuple[EdgeObservation, EdgeObservation]
 
 
-@dataclass(frozen=True, eq=False)
-class OutlinedFacet:
-    """A facet of a shape that both cameras have in view: its index, and its corners in either camera."""
-
-    index: int
-    left: MeasuredCorners
-    right: MeasuredCorners
-
-
 def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_mm: float) -> Located | None:
     """Find where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images'
     edges; None where too few edges show for that.
@@ -297,7 +288,10 @@ def clear_edge_fraction(shape: Polyhedron, images: StereoImages, near: Array, re
     """Return how surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its
     edges, 0 where too few of them show on their place."""
     found = locate_by_edges(shape, images, near, reach_mm)
-    return 0.0 if found is None or not _hold_pose(found.observed) else _clear_fraction(found, images)
+    if found is None or not _hold_pose(found.observed):
+        return 0.0
+    clear = [_clear_edges(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
+    return _fraction_of_length(found.observed, clear)
 
 
 def vanished_edge_fraction(
@@ -320,12 +314,14 @@ def vanished_edge_fraction(
 def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flags:
     """(2, F) which facets of a part at cyclopean_from_part (4, 4) the left and the right camera see, not edge-on, nor
     mostly outside the picture."""
-    points = frames.apply(pose, shape.corners_mm)
+    points, most = frames.apply(pose, shape.corners_mm), np.array(images.rig.image_size) - 1
     found = np.zeros((2, len(shape.facets)), bool)
     for own, view in zip(found, images.views, strict=True):
         px = view.rectified.camera.project(points)
         for k in np.flatnonzero(thickness(px[shape.ring_table]) >= THIN_PX[1]).tolist():
-            own[k] = _mostly_in(px[shape.rings[k]], images)
+            ring = px[shape.rings[k]]
+            places = np.concatenate([ring, (ring + np.roll(ring, -1, 0)) / 2])  # corners and middles of sides
+            own[k] = ((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN
     return found
 
 
@@ -352,30 +348,12 @@ def _sides_of(shape: Polyhedron, facets: Flags, seen: EdgeSamples) -> Flags:
     return found[:-1]
 
 
-def _mostly_in(ring_px: Array, images: StereoImages) -> bool:
-    """Whether of the middles of a facet's corners (N, 2) and of its sides more than half are in the picture."""
-    most = np.array(images.rig.image_size) - 1
-    places = np.concatenate([ring_px, (ring_px + np.roll(ring_px, -1, 0)) / 2])
-    return bool(((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN)
-
-
-def _clear_fraction(found: Located, images: StereoImages) -> float:
-    """Fraction of the edge length in both cameras that is found in place and stands out from the shading and the grain
-    beside it."""
-    good = [_clear_edges(seen, view) for seen, view in zip(found.observed, images.views, strict=True)]
-    return _fraction_of_length(found.observed, good)
-
-
-def facets_from_edges(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[OutlinedFacet]:
-    """Every facet that both cameras see, none of them edge-on: its corners from the sides that show where they should,
-    and from the pose where they do not."""
+def facets_from_edges(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> dict[int, tuple[MeasuredCorners, ...]]:
+    """Every facet that both cameras see, none of them edge-on, by its number: its corners in either camera, from the
+    sides that show where they should, and from the pose where they do not."""
     thick = [thickness(seen.edges.corners_px[shape.ring_table]) >= THIN_PX[1] for seen in observed]
-    found_facets = []
-    for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
-        ring = shape.facets[index]
-        outlines = (_likeliest_outline(ring, seen) for seen in observed)
-        found_facets.append(OutlinedFacet(index, *outlines))
-    return found_facets
+    facing = np.flatnonzero(np.all(thick, axis=0)).tolist()
+    return {k: tuple(_likeliest_outline(shape.facets[k], seen) for seen in observed) for k in facing}
 
 
 def _search_edges(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeObservation:

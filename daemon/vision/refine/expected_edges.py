@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Camera, SolidBatch, hidden, onto_circles, outward, sides_of, thickness
+from daemon.vision.geometry import Camera, SolidBatch, in_sight, onto_circles, outward, sides_of, thickness
 from daemon.vision.image import MODEL_PX, Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
@@ -242,12 +242,10 @@ def visible_stretches(solids: SolidBatch, edges: ExpectedEdges, poses: Array, vi
     shares, corners_mm = (np.arange(count) + 0.5) / count, solids.corners_mm.reshape(-1, 3)
     for k, solid in enumerate(solids.shapes):
         own = np.flatnonzero(edges.owner == k)
-        if solid.convex or not len(own):
-            continue
-        a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
-        points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
-        viewpoint = frames.apply(frames.inverse(poses[k]), viewpoint_mm[None])[0]
-        seen[own] = ~hidden(solid, points.reshape(-1, 3), viewpoint).reshape(-1, count)
+        if len(own):
+            a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
+            places = a[:, None] + shares[None, :, None] * (b - a)[:, None]
+            seen[own] = in_sight(solid, places, poses[k], viewpoint_mm)
     return seen
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Hole, Polyhedron, hidden, robust_weight, solve
+from daemon.vision.geometry import Hole, Polyhedron, in_sight, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, STEP_PX, CameraImage, StereoImages, peak_places, peaks, rim_slopes
 
 LEAST_FACING, LEAST_PX, ROOM_PX = 0.25, 3.0, 12.0
@@ -107,13 +107,10 @@ def _seen(
     places = places_along_rim(hole, ring_px)
     px = camera.project(frames.apply(pose, places))
     normal = _normals(px)
-    inside: Flags = np.asarray(((px > ROOM_PX) & (px < room)).all(1))
-    if _half_width_px(px) < LEAST_PX or inside.mean() < LEAST_VISIBLE:
+    inside: Flags = np.asarray(((px > ROOM_PX) & (px < room)).all(1)) & in_sight(solid, places, pose, viewpoint_mm)
+    half_width_px = float(np.linalg.svd(px - px.mean(0), compute_uv=False)[1] * np.sqrt(2 / len(px)))
+    if half_width_px < LEAST_PX or inside.mean() < LEAST_VISIBLE:
         return None
-    if not solid.convex:
-        inside &= ~hidden(solid, places, frames.apply(frames.inverse(pose), viewpoint_mm[None])[0])
-        if inside.mean() < LEAST_VISIBLE:
-            return None
     slopes = np.abs(rim_slopes(view.smooth, px, normal, REACH_PX))[inside]
     px_per_mm = view.rectified.focal_px / float(np.linalg.norm(ring_mm.mean(0) - viewpoint_mm))
     sigma_px = float(np.hypot(RADIUS_PX, OF_TOLERANCE * tolerance_mm * px_per_mm))
@@ -168,8 +165,3 @@ def _normals(px: Array) -> Array:
     way = np.roll(px, -1, 0) - np.roll(px, 1, 0)
     normal = way[:, ::-1] * [1.0, -1.0] / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None]
     return np.asarray(normal if ((px - px.mean(0)) * normal).sum() > 0 else -normal)
-
-
-def _half_width_px(px: Array) -> float:
-    """Half of the least width of a curve (N, 2), px."""
-    return float(np.linalg.svd(px - px.mean(0), compute_uv=False)[1] * np.sqrt(2 / len(px)))

@@ -10,7 +10,8 @@ import pytest
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
 from daemon.teaching.solid_from_mesh import read_drawing
-from daemon.vision.geometry import Polyhedron, area_vector, hidden, visible_from
+from daemon.vision.geometry import Polyhedron, area_vector, visible_from
+from daemon.vision.geometry.visibility import hidden
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
 from daemon.vision.model import empty_model, learn_solid
 from tests.fakes import drawn

@@ -81,7 +81,8 @@ def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baselin
     facets = triangulate([(left.polygon.measured, right.polygon.measured) for left, right, _ in fitted], geometry)
     found = []
     for facet, (left, right, support) in zip(facets, fitted, strict=True):
-        score = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
+        agreement = float(min(left.sides.support.min(), right.sides.support.min()))  # least share of rows on their line
+        score = support + agreement - _PER_CORNER * len(facet.left_px)
         found.append(
             Candidate(facet, left, right, score, PlanarShape.of(facet.left_px), PlanarShape.of(facet.right_px))
         )
@@ -105,11 +106,6 @@ def _best_few(matches: list[PolygonMatch], left: Sequence[Outline], right: Seque
             kept.append(m)
             shapes.append(both)
     return kept
-
-
-def _agreement(a: Fitted, b: Fitted) -> float:
-    """The least fraction of rows, over all sides of both cameras, that lie on their line."""
-    return float(min(a.sides.support.min(), b.sides.support.min()))
 
 
 def choose(

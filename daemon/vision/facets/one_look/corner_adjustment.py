@@ -26,15 +26,17 @@ as well."""
 def adjust_corners(members: list[Candidate], group: Group, geometry: Baseline) -> Group:
     """Adjust the corners of a group jointly, from the sides that its facets were fitted to."""
     solid = group.polyhedron
-    corners, edges = solid.rings, solid.edges
-    here, after, _ = solid.steps
+    corners, (here, after, _) = solid.rings, solid.steps
     ends = np.array([here, after]).T
-    weight = np.array([0.5 if (b, a) in edges else 1.0 for a, b in ends.tolist()])
-    left = edge_observations([c.left.sides for c in members], ends, weight, geometry.left)
-    right = edge_observations([c.right.sides for c in members], ends, weight, geometry.right)
-    adjusted = solve_corners(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
+    weight = np.array([0.5 if (b, a) in solid.edges else 1.0 for a, b in ends.tolist()])
+    cameras = geometry.left, geometry.right
+    sides = zip(*((c.left.sides, c.right.sides) for c in members), strict=True)
+    lines = [_lines(own, camera) for own, camera in zip(sides, cameras, strict=True)]
+    line, whiten = (np.stack(each) for each in zip(*lines, strict=True))
+    seen = EdgeObservations(ends, line, whiten, weight)
+    adjusted = solve_corners(solid.corners_mm, seen, [c for c in corners if len(c) > 3], geometry)
     ideal = geometry.project(adjusted.corners_mm)
-    left_px, right_px = (camera.pixels(px) for camera, px in zip((geometry.left, geometry.right), ideal, strict=True))
+    left_px, right_px = (camera.pixels(px) for camera, px in zip(cameras, ideal, strict=True))
     redrawn = (
         replace(
             f,
@@ -50,9 +52,9 @@ def adjust_corners(members: list[Candidate], group: Group, geometry: Baseline) -
 
 @dataclass(frozen=True, eq=False)
 class EdgeObservations:
-    """Sides of one camera, or of both, as observations of corners: ends (S, 2) corner numbers; line (S, 3) in ideal
-    coordinates, unit normal; whiten (S, 2, 2) turns px offsets of the two corners into sigmas; weight (S,) 1, or 1/2
-    where two facets share it.
+    """Sides of the left and the right camera as observations of corners: ends (S, 2) corner numbers; line (2, S, 3) in
+    ideal coordinates, unit normal; whiten (2, S, 2, 2) turns px offsets of the two corners into sigmas; weight (S,) 1,
+    or 1/2 where two facets share it.
     """
 
     ends: Index
@@ -61,13 +63,14 @@ class EdgeObservations:
     weight: Array
 
 
-def edge_observations(sides: Sequence[Sides], ends: Index, weight: Array, camera: RectifiedCamera) -> EdgeObservations:
-    """All facets' sides in one camera, one facet's after the other's; ends and weight as EdgeObservations has them."""
+def _lines(sides: Sequence[Sides], camera: RectifiedCamera) -> tuple[Array, Array]:
+    """The lines and whiteners, as EdgeObservations has them, of all facets' sides in one camera, one facet's after the
+    other's."""
     start, end = camera.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
     x, y = (end - start).T
     line = np.array([-y, x, start[:, 0] * y - start[:, 1] * x]) / np.hypot(x, y)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
-    return EdgeObservations(ends, line.T, whitener(covariance) * camera.focal_px, weight)
+    return line.T, whitener(covariance) * camera.focal_px
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ class AdjustedCorners:
 
 
 def solve_corners(
-    start_mm: Array, left: EdgeObservations, right: EdgeObservations, planes: Sequence[Index], geometry: Baseline
+    start_mm: Array, seen: EdgeObservations, planes: Sequence[Index], geometry: Baseline
 ) -> AdjustedCorners:
     """Least-squares corners (V, 3) mm, from a start near the answer. planes: corner numbers of each facet of four or
     more.
@@ -92,20 +95,15 @@ def solve_corners(
     turn, middle = geometry.cyclopean_from_baseline, geometry.middle_mm
     points = (start_mm - middle) @ turn
     count = 3 * len(points)
-    half = geometry.length_mm / 2
-    both = EdgeObservations(
-        np.concatenate([left.ends, right.ends]), np.concatenate([left.line, right.line]),
-        np.concatenate([left.whiten, right.whiten]), np.concatenate([left.weight, right.weight]),
-    )  # fmt: skip
-    own = len(left.ends)
-    shift_mm = np.repeat([half, -half], [own, len(right.ends)])
+    weight, own = np.tile(seen.weight, 2), len(seen.ends)
+    shift_mm = geometry.length_mm * np.array([0.5, -0.5])[:, None, None]  # from each camera to the middle
     by_size = planes_by_size(planes)
-    trust, flat = both.weight, np.zeros((0, count))
+    trust, flat = weight, np.zeros((0, count))
     slopes, held = np.zeros((len(trust), 2, count)), 1e-9 * np.eye(count)
     for turn_number in range(_ROUNDS):
-        residual = _offsets(points, both, shift_mm)
+        residual = _offsets(points, seen, shift_mm)
         if turn_number < _LINEARISED:
-            slopes = _slopes(points, both, shift_mm)
+            slopes = _slopes(points, seen, shift_mm)
             flat = flatness(points, by_size)
             held = flat.T @ flat + 1e-9 * np.eye(count)
         size = (residual**2).sum(1)
@@ -116,7 +114,7 @@ def solve_corners(
             # The left's sides by their own spread, the right's by that of both: on the rendered scenes the worst of the
             # corners (95 %) are 6 % farther off with all by that of both, 8 % with each camera's by its own.
             spreads = [_spread(size[:own], trust[:own]), _spread(size, trust)]
-            trust = both.weight * robust_weight(size / np.array(spreads).repeat([own, len(size) - own]))
+            trust = weight * robust_weight(size / np.array(spreads).repeat([own, len(size) - own]))
         points = points + step.reshape(-1, 3)
         if turn_number >= 3 and np.abs(step).max() < 1e-4:
             break
@@ -133,27 +131,23 @@ def _spread(size: Array, trust: Array) -> float:
     return max(1.0, float(trust @ size) / max(2 * float(trust.sum()), 1.0))
 
 
-def _offsets(points: Array, observations: EdgeObservations, shift_mm: Array) -> Array:
-    """Whitened offsets (S, 2) of both corners of each side from its line. shift_mm (S,): from the camera that saw each
-    to the middle of the baseline.
-    """
-    x, y, z = points[observations.ends].transpose(2, 0, 1)
-    a, b, c = observations.line.T[:, :, None]
-    off = (a * (x + shift_mm[:, None]) + b * y) / z + c
-    return np.asarray((observations.whiten @ off[..., None])[..., 0])
+def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+    """Whitened offsets (2 S, 2) of both corners of each side from its line."""
+    x, y, z = points[seen.ends].transpose(2, 0, 1)
+    a, b, c = seen.line.transpose(2, 0, 1)[..., None]
+    off = (a * (x + shift_mm) + b * y) / z + c
+    return np.asarray((seen.whiten @ off[..., None]).reshape(-1, 2))
 
 
-def _slopes(points: Array, observations: EdgeObservations, shift_mm: Array) -> Array:
-    """The offsets' derivatives (S, 2, 3 V) by all corners."""
-    x, y, z = points[observations.ends].transpose(2, 0, 1)
-    a, b, _ = observations.line.T[:, :, None]
-    slope = np.stack([a / z, b / z, -(a * (x + shift_mm[:, None]) + b * y) / z**2], 2)
+def _slopes(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+    """The offsets' derivatives (2 S, 2, 3 V) by all corners."""
+    x, y, z = points[seen.ends].transpose(2, 0, 1)
+    a, b, _ = seen.line.transpose(2, 0, 1)[..., None]
+    slope = np.stack([a / z, b / z, -(a * (x + shift_mm) + b * y) / z**2], 3)
     sides, n = len(z), len(points)
-    slopes = np.zeros((sides, n, 2, 3))
-    slopes[np.arange(sides)[:, None], observations.ends] = (
-        observations.whiten.swapaxes(1, 2)[..., None] * slope[:, :, None]
-    )
-    return slopes.transpose(0, 2, 1, 3).reshape(sides, 2, 3 * n)
+    slopes = np.zeros((2, sides, n, 2, 3))
+    slopes[:, np.arange(sides)[:, None], seen.ends] = seen.whiten.swapaxes(2, 3)[..., None] * slope[:, :, :, None]
+    return slopes.transpose(0, 1, 3, 2, 4).reshape(2 * sides, 2, 3 * n)
 
 
 def planes_by_size(planes: Sequence[Index]) -> list[Index]:
@@ -163,16 +157,15 @@ def planes_by_size(planes: Sequence[Index]) -> list[Index]:
 
 def flatness(points: Array, by_size: Sequence[Index]) -> Array:
     """Rows (R, 3 V) that take all corners' coordinates to how far those of each plane are off it, in PLANE_MM; a plane
-    is free to move and tilt. alike: from planes_alike.
+    is free to move and tilt. by_size: from planes_by_size.
     """
-    return np.concatenate([np.zeros((0, points.size)), *(_flatness(points, planes) for planes in by_size)])
-
-
-def _flatness(points: Array, planes: Index) -> Array:
-    p = points[planes]
-    count, k = planes.shape
-    own, _, axes = np.linalg.svd(p - p.mean(1, keepdims=True), full_matrices=False)
-    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ own[:, :, :2].swapaxes(1, 2)
-    rows = np.zeros((count, len(points), k, 3))
-    rows[np.arange(count)[:, None], planes] = out_of_plane[..., None] * axes[:, 2][:, None, None] / PLANE_MM
-    return rows.transpose(0, 2, 1, 3).reshape(count * k, -1)
+    rows = [np.zeros((0, points.size))]
+    for planes in by_size:
+        p = points[planes]
+        count, k = planes.shape
+        own, _, axes = np.linalg.svd(p - p.mean(1, keepdims=True), full_matrices=False)
+        out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ own[:, :, :2].swapaxes(1, 2)
+        off = np.zeros((count, len(points), k, 3))
+        off[np.arange(count)[:, None], planes] = out_of_plane[..., None] * axes[:, 2][:, None, None] / PLANE_MM
+        rows.append(off.transpose(0, 2, 1, 3).reshape(count * k, -1))
+    return np.concatenate(rows)

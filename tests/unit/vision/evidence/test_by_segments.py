@@ -25,7 +25,8 @@ from daemon.vision.hypotheses.search import RankedHypotheses, Search, hypotheses
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.group_recognition import Recognised, recognise_part, suspected_poses
+from daemon.vision.recognition.fits import facet_poses
+from daemon.vision.recognition.group_recognition import Recognised, recognise_part
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples
 from daemon.vision.values import Group
 from tests.fakes.printed import print_pair, straight_rig
@@ -371,7 +372,9 @@ def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners()
     alone, with_facet = (
         hypotheses_from_junctions(scene("cube", groups), lambda: 0.0) for groups in ([], [merge_vertices([facet])])
     )
-    assert with_facet.tested == alone.tested + len(suspected_poses(facet, model())[0])
+    assert with_facet.tested == alone.tested + len(
+        facet_poses(merge_vertices([facet]).polyhedron, model().metric, search.SUSPECT_MM)[0]
+    )
 
 
 @cache

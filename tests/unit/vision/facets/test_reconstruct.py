@@ -78,16 +78,13 @@ def test_polygons_match_whatever_corner_and_order_they_come_in() -> None:
         assert again == pytest.approx(stereo.right.project(facets[k]), abs=1e-9)
 
 
-def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> EdgeObservations:
-    """Exact side lines of one facet in one camera of a rig in its own baseline frame."""
+def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> Array:
+    """(N, 3) exact side lines of one facet in one camera of a rig in its own baseline frame."""
     ideal = np.stack([(points[:, 0] + shift) / points[:, 2], points[:, 1] / points[:, 2]], 1)
     start, end = ideal[ring], ideal[np.roll(ring, -1)]
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
-    line = np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
-    n = len(ring)
-    ends, whiten = np.stack([ring, np.roll(ring, -1)], 1), np.repeat(700 / 0.05 * np.eye(2)[None], n, 0)
-    return EdgeObservations(ends, line, whiten, np.ones(n))
+    return np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
 
 
 @given(st.integers(0, 10_000))
@@ -97,8 +94,10 @@ def test_corners_settle_where_exact_sides_put_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = frames.apply(pose(rng.normal(size=3), rng.uniform(0, 6)), CUBE.corners_mm[list(CUBE.facets[1])])
     ring = np.arange(4)
-    left, right = (pulls_of(corners, ring, s * both.length_mm / 2) for s in (1, -1))
-    solid = solve_corners(corners + rng.normal(0, 0.5, corners.shape), left, right, [ring], both)
+    lines = np.stack([pulls_of(corners, ring, s * both.length_mm / 2) for s in (1, -1)])
+    ends, whiten = np.stack([ring, np.roll(ring, -1)], 1), np.tile(700 / 0.05 * np.eye(2), (2, 4, 1, 1))
+    seen = EdgeObservations(ends, lines, whiten, np.ones(4))
+    solid = solve_corners(corners + rng.normal(0, 0.5, corners.shape), seen, [ring], both)
     depths = np.abs(solid.corners_mm - corners)
     assert depths.max() < 0.05 + 3 * np.sqrt(np.trace(solid.covariance_mm2, axis1=1, axis2=2).max())
     assert solid.misfit < 0.1

@@ -14,7 +14,14 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import correspondences_from
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.symmetry import symmetries
-from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_placements, facet_poses, recall_views
+from daemon.vision.recognition.fits import (
+    FacetHypothesis,
+    equivalents,
+    facet_placements,
+    facet_poses,
+    recall_views,
+    single_facet_candidates,
+)
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
 from tests.fakes.remembered import hypotheses, remembered
@@ -95,6 +102,8 @@ def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first(monkeypatch
     assert 1.0 < max(off) < 16.0
     assert len(set(labels)) > 3
     assert len(facet_poses(exact(2 * seen.corners_mm, seen.facets), many, 8.0)[0]) == 0
+    assert single_facet_candidates(exact(2 * seen.corners_mm, seen.facets), many) == []
+    assert "brick 7" in [label for label, _ in single_facet_candidates(seen, many)]
     monkeypatch.setattr(sys.modules[facet_poses.__module__], "MAX_NEAR", 3)
     assert facet_poses(seen, many, 8.0)[0].tolist() == parts[:3].tolist()
 

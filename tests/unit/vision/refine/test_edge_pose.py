@@ -235,7 +235,7 @@ def test_a_side_that_is_off_its_place_tells_less_of_its_corners() -> None:
     off = left.off.copy()
     off[side] = 0.6
     sure, astray = (facets_from_edges(shape, (one, right)) for one in (left, replace(left, off=off)))
-    apart = [one.left[1] - other.left[1] for one, other in zip(astray, sure, strict=True)]
+    apart = [one[0][1] - other[0][1] for one, other in zip(astray.values(), sure.values(), strict=True)]
     grown = np.concatenate([np.trace(each, axis1=1, axis2=2) for each in apart])
     assert np.count_nonzero(grown > 1e-6) == 2
     assert np.abs(np.sort(grown)[:-2]).max() < 1e-9
