@@ -106,7 +106,7 @@ class Supervisor:
             self._heard_before = None
         return rests and not (self.busy or self.permission.stopping)
 
-    def status(self) -> dict[str, object]:
+    def status(self) -> dict[str, Any]:
         """The state as JSON values. pending: the move, as text, that waits for confirm or refuse."""
         return {
             "doing": self._doing or None,

@@ -8,7 +8,7 @@ import difflib
 import inspect
 import shlex
 import traceback
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
@@ -49,10 +49,12 @@ class Frontend(Protocol):
     name: str
     who: str
     may: Literal["look", "all"]
-    asks: bool
-    """Whether somebody can answer questions; without, they count as answered by yes."""
     shown: int | None
     """The candidate model shown here last, which `accept` refers to."""
+
+    @property
+    def asks(self) -> bool:
+        """Whether somebody can answer questions; without, they count as answered by yes."""
 
     @property
     def columns(self) -> int:
@@ -82,7 +84,7 @@ class Frontend(Protocol):
         """Show unsolicited lines; returns at once."""
 
 
-CommandHandler = Callable[[CommandContext, list[str], Frontend], Awaitable[CommandResult]]
+CommandHandler = Callable[[CommandContext, list[str], Frontend], Coroutine[Any, Any, CommandResult]]
 Choices = tuple[str, ...] | Callable[[CommandContext], Iterable[str]]
 Further = Callable[[CommandContext, str], Iterable[str]]
 Looks = Callable[[list[str]], bool]

@@ -22,7 +22,8 @@ class NoticeLevel(IntEnum):
 class Listener(Protocol):
     """A frontend with an operator; asks: whether they can answer questions."""
 
-    asks: bool
+    @property
+    def asks(self) -> bool: ...
 
     def notice(self, text: str) -> None:
         """Show unsolicited lines; returns at once."""

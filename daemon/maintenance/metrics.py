@@ -116,7 +116,7 @@ class MetricsCollector:
         state = context.cycle.status()
         now = context.hardware.clock()
         for name, text in COUNTERS.items():
-            yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[name]))  # type: ignore[arg-type]
+            yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[name]))
         gauges = {
             "facetd_fault": ("1 while a fault is active", state["fault"] is not None),
             "facetd_enabled": ("1 while the arm may move", state["enabled"]),
@@ -132,7 +132,7 @@ class MetricsCollector:
             packml.add_metric([each.value], float(each == state["packml"]))
         yield packml
         for name, (text, value) in gauges.items():
-            yield GaugeMetricFamily(name, text, value=float(value))  # type: ignore[arg-type]
+            yield GaugeMetricFamily(name, text, value=float(value))
 
 
 def _since(now: float, heard_s: float | None) -> float:

@@ -124,7 +124,7 @@ class PickCycle:
     def belief(self) -> CellBelief:
         return self.beliefs.now
 
-    def status(self) -> dict[str, object]:
+    def status(self) -> dict[str, Any]:
         """How things stand, JSON values only."""
         target = None if self._world is None else self._world.target
         estimate = None if target is None else target.estimate

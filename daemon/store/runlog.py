@@ -254,7 +254,7 @@ class _Worker:
     """A thread that runs its jobs in order."""
 
     def __init__(self, name: str) -> None:
-        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -263,7 +263,7 @@ class _Worker:
         """Number of jobs not begun."""
         return self._jobs.qsize()
 
-    def do(self, job: Callable[[], None]) -> None:
+    def do(self, job: Callable[[], object]) -> None:
         self._jobs.put(job)
 
     def end(self, timeout_s: float) -> bool:

@@ -150,6 +150,7 @@ class BinTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 GripperKind = Literal["fingers", "suction"]
+Works = Literal["works", "stuck on", "stuck off"]
 
 
 class GripperTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -190,10 +191,10 @@ class SuctionTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     friction: Positive
     density_g_cm3: Positive
     switch_input: Annotated[int, Meta(ge=1, le=9999)]
-    switch: Literal["works", "stuck on", "stuck off"] = "works"
+    switch: Works = "works"
     vacuum_output: Annotated[int, Meta(ge=1, le=9999)] | None = None
     blow_off_output: Annotated[int, Meta(ge=1, le=9999)] | None = None
-    valve: Literal["works", "stuck on", "stuck off"] = "works"
+    valve: Works = "works"
 
 
 class Rod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -43,6 +43,7 @@ from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import many_parts, rendered
 from tests.fakes.ablated import by_facets, four_drawn, instead, misled, without_recall
+from tests.fakes.families import FAMILIES
 from tests.fakes.hard_scenes import staged
 from tests.fakes.photographed import cell
 
@@ -152,7 +153,7 @@ def _of_scenes() -> str:
 
 
 def _of_families() -> str:
-    found = [a for family, seed in product(poses.FAMILIES, FAMILY_SEEDS) for a in answers(family, seed, MODES[1:])]
+    found = [a for family, seed in product(FAMILIES, FAMILY_SEEDS) for a in answers(family, seed, MODES[1:])]
     tell = [a for a in found if a.tells]
     return f"{sum(a.right for a in tell):>17}{sum(a.wrong for a in tell):>10}"
 

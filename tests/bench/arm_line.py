@@ -25,7 +25,8 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, PtyServer
 from drivers.val2 import commands
 from drivers.val2.conversation import ControllerAnswer, Conversation
-from drivers.val2.link import Dialect, Link, MoveStart, NextMove
+from drivers.val2.dialect import Dialect
+from drivers.val2.link import Link, MoveStart, NextMove
 from drivers.val2.location import Location
 from drivers.val2.wire import Where
 from tests.fakes.memory_line import MemoryLine

@@ -10,6 +10,7 @@ import logging
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -192,7 +193,7 @@ def _rotation(count: int, views: int, rounds: int, limit_ms: float, ratio: float
 def _one_kind_of_view(
     what: str, asked: list, layer: RotationLayer, theirs, rounds: int, limit_ms: float, ratio: float
 ) -> None:
-    times = [_best(rounds, lambda view=view: layer.recall(view, top=1))[0] for view in asked]
+    times = [_best(rounds, partial(layer.recall, view, top=1))[0] for view in asked]
     presented = _presented(asked[0])
     (their_time,) = _best(3 if len(asked) > 3 else 1, lambda: theirs.predict(presented))
     usual = float(np.median(times))

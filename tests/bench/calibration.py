@@ -71,10 +71,8 @@ class Calibrated:
 def truth() -> tuple[StereoRig, np.ndarray]:
     """The cell's hidden rig and hand-eye (4, 4)."""
     told = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
-    cameras = [camera.lens() for camera in (told.left, told.right)]
-    cameras = [
-        Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in cameras
-    ]
+    lens = [camera.lens() for camera in (told.left, told.right)]
+    cameras = [Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in lens]
     return StereoRig(cameras[0], cameras[1], (640, 480)), np.array(told.tool_from_cyclopean, float)
 
 

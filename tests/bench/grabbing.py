@@ -146,7 +146,8 @@ def live(code: str, fps: float, scene: str = SCENE) -> V4L2StereoCamera:
         frames = [packed(code, image) for image in noisy]
         cameras[f"/dev/video{k}"] = LiveCamera(camera, code, frames, first_s + k * LATE_S, fps)
     settings = CameraSettings("/dev/video0", "/dev/video1", fps=fps, formats=(code,))
-    return V4L2StereoCamera(settings, time.monotonic, LiveSystem(cameras))
+    system: Any = LiveSystem(cameras)
+    return V4L2StereoCamera(settings, time.monotonic, system)
 
 
 def grab_all(code: str, fps: float) -> str:

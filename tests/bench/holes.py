@@ -205,7 +205,7 @@ def read() -> list[Seen]:
         rows = list(csv.reader(file))[1:]
     found = []
     for there, kind, *values in rows:
-        cameras = [RimSeen(*map(float, values[k : k + count])) for k in range(0, len(values), count)]
+        cameras = [RimSeen._make([*map(float, values[k : k + count]), None]) for k in range(0, len(values), count)]
         found.append(Seen(there == "1", kind, cameras))
     return found
 

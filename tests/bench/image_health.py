@@ -63,7 +63,7 @@ def alarms() -> None:
             found[name] += any(f.name == name and not f.good for f in examine((harm(left), right)))
         told["right way round: " + assignment(left, right, rigs[rig])[0].value] += 1
         told["swapped: " + assignment(right, left, rigs[rig])[0].value] += 1
-        blurs.append(measure_blur(cv2.GaussianBlur(left, (0, 0), 2.0)).least_px)
+        blurs.append(measure_blur(np.asarray(cv2.GaussianBlur(left, (0, 0), 2.0), np.uint8)).least_px)
     print(f"{count} scenes; false alarms: {dict(false) or 'none'}; {1000 * seconds / count:.0f} ms of processor a pair")
     for name in planted():
         print(f"  planted {name:<11} found in {found[name] / count:6.1%}")

@@ -51,8 +51,8 @@ class Look(NamedTuple):
 
     label: str
     pose: Array
-    left: Array
-    right: Array
+    left: np.ndarray
+    right: np.ndarray
     rig: StereoRig
     table: str
 
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> None:
     tame_malloc()
     counts, places = defaultdict[tuple[str, str], Counter[str]](Counter), list[float]()
     kept = bool(told) and not told[0].isdigit()
-    for one in in_folder(Path(told[0])) if kept else simulated(*map(int, told or [SEEDS])):
+    for one in in_folder(Path(told[0])) if kept else simulated(*([int(word) for word in told] or [SEEDS])):
         outcome, off = named(one)
         counts[one.label, one.table][outcome] += 1
         if outcome == "right":

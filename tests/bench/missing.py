@@ -174,7 +174,7 @@ def read() -> list[Seen]:
         return [
             Seen(
                 r["set"], r["family"], r["seed"], r["right"] == "1",
-                CounterEvidence(*(float(r[name]) for name in ("missing", "both_px", "off_px", "rival"))),
+                CounterEvidence(float(r["missing"]), float(r["both_px"]), float(r["off_px"]), float(r["rival"])),
             )
             for r in csv.DictReader(file)
         ]  # fmt: skip

@@ -119,7 +119,7 @@ def _edges_in_view(solid: Polyhedron, pose: Array) -> tuple[Array, Array]:
 
 
 def _steepest(
-    grey: NDArray[np.float32], at_px: Array, way_px: Array, across_px: Array, reach_px: float
+    grey: np.ndarray, at_px: Array, way_px: Array, across_px: Array, reach_px: float
 ) -> tuple[Array, NDArray[np.bool_]]:
     """(N,) px from each point, across its edge, to where grey levels change most, sub-pixel; whether they do."""
     t = np.arange(-reach_px, reach_px + 0.01, STEP_PX)

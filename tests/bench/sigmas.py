@@ -120,8 +120,8 @@ def hand_eye(seed: int) -> Scores:
         pose = tilted(BOARD, rng, rng.uniform(260, 400))
         true = WORLD_FROM_BOARD @ frames.inverse(pose) @ frames.inverse(HAND_EYE)
         reported = true @ frames.perturb(np.eye(4), rng.normal(0, arm)) @ common
-        views = [_seen(camera, pose, noise_px, rng).corners_px for camera in (TRUTH.left, TRUTH.right)]
-        samples.append(Sample(reported, BOARD.points_mm(), *views))
+        left, right = (_seen(camera, pose, noise_px, rng).corners_px for camera in (TRUTH.left, TRUTH.right))
+        samples.append(Sample(reported, BOARD.points_mm(), left, right))
     found = calibrate_hand_eye(samples, TRUTH)
     return _axes(frames.difference(found.mounting, HAND_EYE), np.diag(found.covariance))
 
@@ -134,9 +134,9 @@ def fixed(seed: int) -> Scores:
     for _ in range(POSES):
         pose = tilted(BOARD, rng, rng.uniform(360, 440))
         true = WORLD_FROM_CAMERAS @ pose @ frames.inverse(TOOL_FROM_BOARD)
-        views = [_seen(camera, pose, noise_px, rng).corners_px for camera in (TRUTH.left, TRUTH.right)]
+        left, right = (_seen(camera, pose, noise_px, rng).corners_px for camera in (TRUTH.left, TRUTH.right))
         reported = true @ frames.perturb(np.eye(4), rng.normal(0, arm))
-        samples.append(Sample(reported, BOARD.points_mm(), *views, board_in_gripper=True))
+        samples.append(Sample(reported, BOARD.points_mm(), left, right, board_in_gripper=True))
     found = calibrate_hand_eye(samples, TRUTH)
     assert found.about_mm is not None
     motion = frames.difference(found.mounting, WORLD_FROM_CAMERAS)

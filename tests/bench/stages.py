@@ -15,6 +15,7 @@ import time
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from types import CodeType, FrameType
 from typing import Any
 
@@ -62,7 +63,7 @@ def main() -> None:
     model = trained(rig)
     folders = [f for f in test_folders(rendered.ALL) if f.name.startswith(tuple(f"{name}-B" for name in SETS))]
     pairs = [rendered.pair(f) for f in folders]
-    looks = [lambda pair=pair: look(*pair, rig, model) for pair in pairs]
+    looks = [partial(look, left, right, rig, model) for left, right in pairs]
     for name in SETS:
         table([one for one, folder in zip(looks, folders, strict=True) if folder.name.startswith(name)], name)
 

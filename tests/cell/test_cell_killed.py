@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.long.kill import Sentry, harm
+from tests.bench.long.kill import harm
+from tests.fakes.sentry import Sentry
 
 pytestmark = pytest.mark.long
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.simcell.truth import Works
 from tests.fakes.holed import holed_pair
 from tests.fakes.suction_cell import VALVES, Drawn, picked, suction_rig, with_valves
 
@@ -61,7 +62,7 @@ def test_without_its_blow_off_the_part_sticks_to_the_lip_and_that_is_told(tmp_pa
 
 
 @pytest.mark.parametrize("valve", ["stuck off", "stuck on"])
-def test_a_valve_that_sticks_is_told_and_no_pick_counts(tmp_path: Path, valve: str):
+def test_a_valve_that_sticks_is_told_and_no_pick_counts(tmp_path: Path, valve: Works):
     end, lies, _ = picked(2, bored(), valve=valve, truth=with_valves(tmp_path), valves=VALVES)
     assert end.outcome != "picked"
     assert lies == ("table" if valve == "stuck off" else "hand"), end.why

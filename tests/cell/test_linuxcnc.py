@@ -138,7 +138,8 @@ class Shell:
 async def at_its_screen(*steps: str) -> None:
     """What somebody does at LinuxCNC's own screen, which commands it past the remote shell."""
     program = "import linuxcnc; c = linuxcnc.command(); " + "; ".join(steps)
-    done = await asyncio.to_thread(subprocess.run, ["/usr/bin/python3", "-c", program], check=False, **as_nobody())
+    run: Any = subprocess.run
+    done = await asyncio.to_thread(run, ["/usr/bin/python3", "-c", program], check=False, **as_nobody())
     assert done.returncode == 0
 
 
@@ -183,7 +184,7 @@ def lived(port: int, story: Callable[[Cell], Awaitable[None]]) -> None:
             time.monotonic,
             rig(),
             ON_HAND,
-            asyncio.to_thread,  # type: ignore[arg-type]
+            asyncio.to_thread,
         )
         interrupted: list[JobEvent] = []
         cell.supervisor = Supervisor(work, Limits(), Arrival(), interrupted.append)

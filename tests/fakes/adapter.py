@@ -18,6 +18,7 @@ import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -108,19 +109,19 @@ def main(arguments: list[str]) -> int:
     """Run facetd with an adapter between it and its controller."""
     from daemon import main as program
     from daemon.cell import own_cells, simulated_cell
+    from daemon.cell.val2_arm import val2_arm
 
     folder = Path(arguments[arguments.index("--config") + 1]).parent
-    made = simulated_cell.val2_arm
 
     def behind(port: str, *more: Any) -> Any:
         adapter = Adapter(port, folder / BY_ID)
         orders = folder / "adapter"
         adapter.echoes = orders.exists() and "echo" in orders.read_text().split()
         threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
-        return made(str(folder / BY_ID), *more)
+        return val2_arm(str(folder / BY_ID), *more)
 
-    own_cells.val2_arm = simulated_cell.val2_arm = behind  # type: ignore[assignment]
-    return program.main(arguments)
+    with patch.object(own_cells, "val2_arm", behind), patch.object(simulated_cell, "val2_arm", behind):
+        return program.main(arguments)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ WHITE, BLACK, AROUND = 215, 25, 150
 
 def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
     squares = np.add.outer(np.arange(7), np.arange(10)) % 2
-    image = np.full((480, 640), 230, np.uint8)
+    image: np.ndarray = np.full((480, 640), 230, np.uint8)
     board = np.where(np.kron(squares, np.ones((square_px, square_px))) > 0, 230, 30).astype(np.uint8)
     image[100 : 100 + board.shape[0], 120 : 120 + board.shape[1]] = board
     image = cv2.GaussianBlur(image, (0, 0), 0.8)
@@ -58,7 +58,7 @@ class Painter:
     def picture(self, cyclopean_from_board: Array, rng: np.random.Generator) -> np.ndarray:
         """An image (height, width) uint8 of the board, lit a little unevenly."""
         width, height = self.image_size
-        image = np.full((height, width), AROUND, np.float32)
+        image: np.ndarray = np.full((height, width), AROUND, np.float32)
         (left, top), (right, bottom) = (map(int, corner) for corner in self._window(cyclopean_from_board))
         rays = self._rays(left, top, right, bottom)
         grey = self._grey(rays, frames.inverse(self.camera.cyclopean_from_camera) @ cyclopean_from_board)
@@ -69,8 +69,8 @@ class Painter:
 
     def _window(self, cyclopean_from_board: Array) -> tuple[Array, Array]:
         """The pixel bounds (2,), (2,) of the board with its rim."""
-        x, y = (self.board.square_mm * np.array([-2.0, n + 1.0]) for n in (self.board.columns, self.board.rows))
-        rim = [[a, b, 0.0] for a in np.linspace(*x, 9) for b in np.linspace(*y, 9)]
+        x, y = (self.board.square_mm * np.linspace(-2.0, n + 1.0, 9) for n in (self.board.columns, self.board.rows))
+        rim = [[a, b, 0.0] for a in x for b in y]
         px = self.camera.project(frames.apply(cyclopean_from_board, np.array(rim)))
         low, high = np.floor(px.min(axis=0)).astype(int) - 2, np.ceil(px.max(axis=0)).astype(int) + 3
         return np.clip(low, 0, np.array(self.image_size) - 1), np.clip(high, 1, self.image_size)

@@ -6,8 +6,10 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+from daemon.compute.worker import Worker
 
-class ComputesHere:
+
+class ComputesHere(Worker):
     """See the module. The other methods of a Worker do nothing."""
 
     pid = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ def box(a: float = 50, b: float = 50, c: float = 50) -> tuple[np.ndarray, list[t
     return corners, list(CUBE_RINGS)
 
 
-def prism(outline: list[tuple[float, float]], height: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+def prism(outline: Sequence[tuple[float, float]], height: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     """A prism over an outline that runs anticlockwise; its base may be concave."""
     flat, count = np.array(outline, float), len(outline)
     corners = np.vstack([np.column_stack([flat, np.full(count, z)]) for z in (0.0, height)])
@@ -54,7 +55,7 @@ def ball(radius: float, strips: int = 24) -> tuple[np.ndarray, list[tuple[int, .
     corners = radius * np.array([*rows, [0, 0, 1], [0, 0, -1]])
     last, top, bottom = len(rows) - strips, len(rows), len(rows) + 1
     after = [(k, (k + 1) % strips) for k in range(strips)]
-    rings: list[tuple[int, ...]] = [(top, a, b) for a, b in after] + [(bottom, last + b, last + a) for a, b in after]
+    rings: list[tuple[int, ...]] = [*((top, a, b) for a, b in after), *((bottom, last + b, last + a) for a, b in after)]
     rings += [(r + a, r + strips + a, r + strips + b, r + b) for r in range(0, last, strips) for a, b in after]
     return corners, rings
 

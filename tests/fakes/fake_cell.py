@@ -7,9 +7,10 @@ It uses no driver but the shapes of the parts. Tests inject faults by `World.bef
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -144,6 +145,28 @@ class FakeRobot:
         self.permission.stop_tests = 1
         self._before: np.ndarray | None = None
 
+    controller = None
+    heard_s: float | None = None
+    connected = True
+    aside = stopped_on_opening = False
+
+    async def open(self) -> None:
+        """There is no line."""
+        self.heard_s = self.world.clock()
+
+    close = check = open
+
+    async def set_outputs(self, numbers: Sequence[int]) -> None:
+        """Nothing is wired to it."""
+
+    work_valves = set_outputs
+
+    async def ask_input(self, text: str) -> str:
+        return "0"
+
+    def use_tool(self, flange_from_tool: np.ndarray) -> None:
+        """Every tool's point is where this one's is."""
+
     def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
         """The present joints, nearest to the previous ones."""
         here = joints(world_from_tool, self._before)
@@ -251,7 +274,8 @@ class FakeCameras:
                 image[:, 200 + 10 * (self.shaking % 30) :] += 100
         if self.world.light != (1.0, 1.0):
             images = [(i * f).clip(0, 255).astype(np.uint8) for i, f in zip(images, self.world.light, strict=True)]
-        return FakePair(*(FakePicture(i, self.world.now_s) for i in images), self.world, self.world.held)
+        left, right = (FakePicture(i, self.world.now_s) for i in images)
+        return FakePair(left, right, self.world, self.world.held)
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
         self.world.before("expose")
@@ -338,8 +362,12 @@ def truly_left_hand(
 
 
 # Wherever a fake cell is at work; any other is looked at as it is.
-take.in_hand, take.left_hand = truly_in_hand, truly_left_hand
-set_down.in_hand = truly_in_hand
+for module, name, truth in (
+    (take, "in_hand", truly_in_hand),
+    (take, "left_hand", truly_left_hand),
+    (set_down, "in_hand", truly_in_hand),
+):
+    patch.object(module, name, truth).start()
 
 
 def build(world: World) -> Workcell:
@@ -349,6 +377,12 @@ def build(world: World) -> Workcell:
         ON_HAND if world.fixed is None else InWorld(world.fixed, HEAD_DOWN, TABLE_MM),
     )
     return Workcell(FakeRobot(world), cameras, world, world.clock, rig(), mounting, asyncio.to_thread)
+
+
+def cameras_of(cell: Workcell) -> FakeCameras:
+    """The cameras of a cell that `build` made."""
+    assert isinstance(cell.cameras, FakeCameras)
+    return cell.cameras
 
 
 def permitted(mover: Mover) -> Mover:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 from unittest.mock import Mock
 
 import numpy as np
@@ -18,6 +18,7 @@ from daemon.arm.hold import Waiting
 from daemon.arm.operators import RefusedError
 from daemon.arm.permission import Grant
 from daemon.arm.robot import StopRefusedError
+from daemon.console.interpreter import CommandError
 from daemon.console.notices import Notices
 from daemon.events.codes import BY_OPERATOR, FaultCause
 from daemon.events.pick_order import PickOrder
@@ -212,7 +213,7 @@ class FakeFrontend:
 
     name: str = "test"
     who: str = "tester"
-    may: Any = "all"
+    may: Literal["look", "all"] = "all"
     answers: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
@@ -224,6 +225,18 @@ class FakeFrontend:
     def asks(self) -> bool:
         return bool(self.answers)
 
+    async def fetch(self, path: str) -> bytes:
+        raise CommandError(f"no file {path} here")
+
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        raise CommandError("no terminal here")
+
+    def show(self, data: bytes) -> None:
+        self.said.append(data.decode("latin-1"))
+
+    def notice(self, text: str) -> None:
+        self.said.append(text)
+
     async def say(self, text: str) -> None:
         self.said.append(text)
 
@@ -232,7 +245,7 @@ class FakeFrontend:
         return self.answers.pop(0) if self.answers else ""
 
 
-def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
+def fake_context(folder: Path, reload: Callable[..., Any] | None = None) -> Any:
     """A CommandContext with everything that commands use."""
     trainer = SimpleNamespace(
         parts={"cube": None, "pyramid": None},

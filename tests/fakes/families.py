@@ -7,11 +7,12 @@ are held out, and no choice may depend on their results.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from drivers.simcell.parts import hull, shape
 from tests.fakes.drawn import obj, prism
 from tests.fakes.many_parts import FAMILIES as SHOP
@@ -98,7 +99,7 @@ def stacked(boxes: list[tuple[Array, Array]]) -> Drawing:
     return Drawing(corners[used], [tuple(place[k] for k in ring) for ring in rings], clouds)
 
 
-def _square(cell: Array, axis: int, side: int) -> list[Array]:
+def _square(cell: Index, axis: int, side: int) -> list[Array]:
     """The corners, by their ticks, of one side of a grid's cell, anticlockwise from outside."""
     across, along = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
     start = cell + side * np.eye(3, dtype=int)[axis]
@@ -244,7 +245,7 @@ CHIRAL = {
 }
 FAMILIES: dict[str, dict[str, Callable[[np.random.Generator], Pair]]] = {
     "mirror": {name: _in_mirror(draw) for name, draw in CHIRAL.items()},
-    "size": {name: _in_sizes(lambda rng, n=name: _of_shop((n,), rng)) for name in SHOP_SIZED}
+    "size": {name: _in_sizes(partial(_of_shop, (name,))) for name in SHOP_SIZED}
     | {name: _in_sizes(draw) for name, draw in CHIRAL.items()},
     "cut": {"corner_cut": _and_cut},
     "dihedral": {"rhombohedron": _rhombohedra, "leaning_box": _leaning_boxes, "cap_or_pit": _cap_and_pit},

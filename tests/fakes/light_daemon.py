@@ -27,6 +27,7 @@ from daemon import service
 from daemon.arm.belief import Beliefs
 from daemon.arm.collision_shapes import ARM_LINKS
 from daemon.cell import build as build_room
+from daemon.cell.hardware import Hardware
 from daemon.config import Config
 from daemon.console import context
 from daemon.maintenance import journal
@@ -64,17 +65,7 @@ class TimedWorld(World):
 class Robot(FakeRobot):
     """A fake robot with the further members that service and watchdog use."""
 
-    controller = None
     links = ARM_LINKS
-    aside = stopped_on_opening = False
-    connected = True
-    heard_s: float | None = None
-
-    async def open(self) -> None:
-        """It is there."""
-        self.heard_s = self.world.clock()
-
-    close = check = open
 
 
 class LightCameras(FakeCameras):
@@ -205,7 +196,7 @@ class LightDaemon:
                 raise RuntimeError(f"it ended with {self._live.result()}: {self.told[-1:]}")
             await asyncio.sleep(0.01)
         assert self.service.context is not None
-        self.service.context.cycle.use(Sees(self.world))  # type: ignore[arg-type]
+        self.service.context.cycle.use(Sees(self.world))
 
     async def stop(self) -> int:
         """Stop the daemon as SIGTERM does; returns the exit status."""
@@ -230,12 +221,12 @@ class LightDaemon:
         """The resources that the process holds now."""
         return Held.now(self.folder, len(asyncio.all_tasks(self.loop)))
 
-    def _build(self, config: Config, on_wire: Any, record: Any) -> build_room.Hardware:
+    def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
         robot: Any = Robot(self.world)
         robot.beliefs = Beliefs(self.world.clock, record)
         cameras: Any = LightCameras(self.world)
         robot.on_wire = on_wire
-        return build_room.Hardware("real", robot, cameras, self.world.clock, "/dev/arm")
+        return Hardware("real", robot, cameras, self.world.clock, "/dev/arm")
 
 
 def _small_calibration() -> str:
@@ -254,7 +245,7 @@ def _small_calibration() -> str:
 def light_daemon(folder: Path, began_s: float = 1.8e9, config: str = CONFIG) -> Iterator[LightDaemon]:
     """Context: a LightDaemon; all modules of this process use its clocks meanwhile."""
     daemon = LightDaemon(folder, began_s, config=config)
-    patches = [
+    patches: list[Any] = [
         patch.object(time, "monotonic", daemon.loop.time),
         patch.object(time, "time", lambda: daemon.now_s),
         patch.object(build_room, "build", daemon._build),

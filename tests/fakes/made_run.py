@@ -53,7 +53,7 @@ class MadeRun:
         kept.write_text("version: 1\n")
         self.log.record("run_start", config=self.log.keep(kept), calibration=self.log.keep(kept), seed=1, **start)
 
-    def write(self, kind: str, /, after_s: float = 0.1, **fields: Any) -> None:
+    def write(self, kind: str, /, after_s: Any = 0.1, **fields: Any) -> None:
         self.now += after_s
         self.log.record(kind, **fields)
 

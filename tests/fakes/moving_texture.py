@@ -20,6 +20,6 @@ def frame(
     shift = np.array([way_px(at_s + readout_s * (part - 0.5)) * (1 + depth * part) for part in share])
     x = (np.arange(width) + 500 - shift[:, None]).astype(np.float32)
     y = np.broadcast_to(np.arange(height)[:, None] + 60, x.shape).astype(np.float32)
-    image = cv2.remap(TEXTURE, x, y, cv2.INTER_LINEAR) * gain
+    image: np.ndarray = cv2.remap(TEXTURE, x, y, cv2.INTER_LINEAR) * gain
     image = cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px else image
     return np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.pick.pose_fusion import Doubt
 from daemon.teaching.view_coverage import visible_facets
 from daemon.vision.facets import LookFacets, shared_motion
@@ -48,7 +48,7 @@ def looked_at(
     px = FOCAL_PX * points[:, :2] / points[:, 2:]
     shift = np.array([FOCAL_PX * BASELINE_MM / 2, 0.0]) / points[:, 2:]
 
-    def facet(ring: Array) -> Facet:
+    def facet(ring: Index) -> Facet:
         zeros = np.zeros(len(ring))
         return Facet(measured[ring], covariance[ring], px[ring] + shift[ring], px[ring] - shift[ring], zeros, 0.0)
 

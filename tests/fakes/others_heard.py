@@ -10,7 +10,7 @@ Enter alone, which answers as a stray prompt, are measured by tests/bench/others
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
 from unittest.mock import patch
 
@@ -68,7 +68,7 @@ class OthersHeard:
             self._noticed_s = None
         return tuple(self._found)
 
-    def patches(self) -> list[AbstractContextManager[Any]]:
+    def patches(self) -> list[Any]:
         """The patches of the line's session, through which everything typed goes."""
         ask, preemption, terminal, disturb, find_prompt = (
             LineSession.ask, LineSession.preemption, LineSession.terminal, LineSession._refuse_others,
@@ -102,14 +102,14 @@ class OthersHeard:
                 self._open = []
                 raise
 
-        def unjudged_in(taken: Callable[..., AbstractContextManager[Any]]) -> Any:
+        def unjudged_in(taken: Callable[..., AbstractAsyncContextManager[Any]]) -> Any:
             @asynccontextmanager
             async def inside(session: LineSession, *about: Any) -> AsyncIterator[Any]:
                 noticed_s = self._noticed_s
                 self.spoilt()
                 self._noticed_s, self._stops = noticed_s, self._stops + 1
                 try:
-                    async with taken(session, *about) as line:  # type: ignore[attr-defined]
+                    async with taken(session, *about) as line:
                         yield line
                 finally:
                     self._stops -= 1

@@ -84,12 +84,12 @@ class Beside(Sentry):
         super().start((), timeout_s)
         motion_monitor.line(server.now_s(), hears=True)
 
-    def do(self, text: str) -> dict[str, Any]:
+    def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Send one command; reports to the cell's motion monitor what it permits."""
         self._enabled |= text == "enable"
         if self._enabled and text not in ("stop", "disable"):
             self.cell.motion_monitor.may_move(self.cell.server.now_s(), True)
-        return super().do(text)
+        return super().do(text, answer)
 
     def judged(self) -> list[str]:
         """Forbidden motions of the arm."""

@@ -80,7 +80,7 @@ class Person:
         except OSError:
             self.gone = True
             return False
-        whole, begun = BEGUN.match(self._raw).groups()  # type: ignore[union-attr]
+        whole, begun = BEGUN.match(self._raw).groups()
         self.asked_for_cursor |= b"\x1b[6n" in whole
         self.seen, self._raw = self.seen + SEQUENCE.sub(b"", whole).decode("utf-8", "replace"), begun
         return True

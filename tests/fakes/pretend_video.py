@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.camera import v4l2
 
@@ -94,7 +95,7 @@ class PretendDevice:
     def ioctl(self, request: int, argument: object) -> None:
         if request in self.fails:
             raise fail(self.fails[request])
-        handlers = {
+        handlers: dict[int, Callable[[Any], None]] = {
             v4l2.QUERYCAP: self._query, v4l2.ENUM_FMT: self._enum_format, v4l2.ENUM_FRAMESIZES: self._enum_size,
             v4l2.S_FMT: self._set_format, v4l2.REQBUFS: self._request, v4l2.QUERYBUF: self._where,
             v4l2.QBUF: self._queue, v4l2.DQBUF: self._dequeue, v4l2.STREAMON: self._on, v4l2.STREAMOFF: self._off,

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from daemon import main
 from daemon.cell import own_cells
@@ -84,5 +85,5 @@ class BorrowedCameras:
 
 
 if __name__ == "__main__":
-    own_cells.V4L2StereoCamera = BorrowedCameras  # type: ignore[assignment,misc]
-    sys.exit(main.main())
+    with patch.object(own_cells, "V4L2StereoCamera", BorrowedCameras):
+        sys.exit(main.main())

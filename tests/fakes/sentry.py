@@ -65,9 +65,9 @@ class Sentry(Running):
         super().__init__(folder, config, seed, time_scale)
         self.acknowledged: list[str] = []
 
-    def do(self, text: str) -> dict[str, Any]:
+    def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Send one command; when this returns, the daemon has acknowledged it."""
-        done = super().do(text)
+        done = super().do(text, answer)
         if done["status"] == 0:
             self.acknowledged.append(text)
         return done
@@ -86,7 +86,7 @@ class Sentry(Running):
         return found
 
 
-def killed(daemon: Sentry, act: Act, after_s: float, starting: bool) -> None:
+def killed(daemon: Sentry, act: Callable[[Any], None], after_s: float, starting: bool) -> None:
     """Begin an act, and kill the daemon in the middle of it."""
     daemon.acknowledged = []
     if starting:

@@ -156,7 +156,7 @@ def tell_the_motion_monitor(cell: SimulatedCell, cycle: PickCycle, log: ListLog)
             cell.motion_monitor.no_faster_than(cell.server.now_s(), fields["speed_pct"])
 
     supervisor = cycle.supervisor
-    supervisor.enable, supervisor.resume = leave(supervisor.enable), leave(supervisor.resume)  # type: ignore[method-assign]
+    supervisor.enable, supervisor.resume = leave(supervisor.enable), leave(supervisor.resume)
     log.heard = heard
 
 

@@ -30,6 +30,7 @@ from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.cell import SimulatedCell
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_motion_monitor
 from tests.fakes.simulated_time import SimulatedLoop
 
@@ -56,8 +57,8 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: CameraName 
     cell, log = SimulatedCell(truth(config), seed, loop=loop), ListLog()
     geometry: Any = arm_geometry(config)
     checked: Any = partial(belongs_together, geometry)
-    opens: Any = cell.server.open  # type: ignore[union-attr]
-    link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
+    assert isinstance(cell.server, MemoryLine)
+    link = Link("memory", dialect(config), loop.time, log.wire.append, checked, cell.server.open)
     cell.camera.use(alone)
     cameras = ThreadedCameras(cell.camera, loop.time, alone)
     robot = Val2Arm(link, geometry, Beliefs(loop.time, log.record))

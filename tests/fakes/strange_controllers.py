@@ -250,9 +250,10 @@ def wrong(strange: Strange, known: ContactFindings, seen: ArmSeen) -> list[str]:
         joint_zeros_deg=tuple(file["dialect"]["joint_zeros_deg"]["value"]),
         joint_3_against_horizon=file["dialect"]["joint_3_against_horizon"]["value"],
     )
-    said = {name: entry["value"] for name, entry in file["geometry"].items()}
+    said: dict[str, Any] = {name: entry["value"] for name, entry in file["geometry"].items()}
+    said = {name: value if isinstance(value, float) else np.array(value) for name, value in said.items()}
     ours = ArmGeometry(
-        **{name: value if isinstance(value, float) else np.array(value) for name, value in said.items()},
+        **said,
         flange_from_tool=np.array(said["controller_flange"]),
     )
     worst = _farthest(strange, dialect, ours)

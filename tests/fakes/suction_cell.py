@@ -19,6 +19,7 @@ from daemon.store import folders
 from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.model.model import Model
 from drivers.simcell.parts import PartShape
+from drivers.simcell.truth import Works
 from tests.fakes.machined import drawing, shown_shape, taught_from
 from tests.fakes.simulated_cell import Rig, rig
 
@@ -82,8 +83,8 @@ def with_valves(folder: Path) -> Path:
 def picked(
     seed: int,
     part: Drawn,
-    switch: str = "works",
-    valve: str = "works",
+    switch: Works = "works",
+    valve: Works = "works",
     truth: Path | None = None,
     valves: Mapping[str, SignalSettings] = NO_VALVES,
 ) -> tuple[CycleEnd, str, Rig]:

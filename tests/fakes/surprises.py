@@ -357,7 +357,7 @@ class Surprises(RuleBasedStateMachine):
     def unplug(self, going: Going) -> None:
         """Unplug the line's adapter."""
         self.send_off(going)
-        self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
+        self.there.harm(self.there.line.unplug)
 
     @rule()
     @kept
@@ -412,7 +412,7 @@ class Surprises(RuleBasedStateMachine):
         """Reload with another configuration or calibration."""
         self.send_off(going)
         story = self.there
-        changes: dict[str, Any] = {
+        changes: Any = {
             "slow": {"travel_pct": SLOWEST},
             "tool": {"gripper": {"opening_mm": 80}},
             "box": {"limits": {"box_low_mm": [0, -600, -300], "max_speed_pct": FASTEST}},
@@ -513,7 +513,7 @@ class Surprises(RuleBasedStateMachine):
 def live(machine: type[Surprises], options: settings) -> None:
     """Run stories up to the first failure. Raises AssertionError with the shortest script that reproduces it."""
     try:
-        run_state_machine_as_test(machine, settings=options)  # type: ignore[arg-type]
+        run_state_machine_as_test(machine, settings=options)
     except Exception as error:
         script, once = machine.last, _told(error)
     else:

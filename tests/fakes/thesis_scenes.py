@@ -77,9 +77,9 @@ def shot(
     light = CellLight(TABLE, LIT)
     light.cast([frames.apply(world_from_part, piece.vertices) for piece in part.pieces])
     things = [RenderedSolid(piece, world_from_part, LIT.facet_albedo) for piece in part.pieces]
-    pictures = [_exposed(_sharp(camera, rig.image_size, pose, things, light), rng) for camera in (rig.left, rig.right)]
+    left, right = (_exposed(_sharp(one, rig.image_size, pose, things, light), rng) for one in (rig.left, rig.right))
     cyclopean_from_part = frames.inverse(pose) @ world_from_part
-    return Shot(*pictures, part.label, cyclopean_from_part, _seen(part, cyclopean_from_part, rig))
+    return Shot(left, right, part.label, cyclopean_from_part, _seen(part, cyclopean_from_part, rig))
 
 
 def box_shots(
@@ -246,7 +246,7 @@ def _sharp(camera: Camera, size: tuple[int, int], pose: Array, things: list[Rend
     return np.asarray(radiance(PixelRays(lens, *size), pose, things, light), float)
 
 
-def _exposed(image: Array, rng: np.random.Generator) -> Picture:
+def _exposed(image: np.ndarray, rng: np.random.Generator) -> Picture:
     blurred = cv2.GaussianBlur(image, (0, 0), BLUR_PX)
     return np.clip(np.rint(blurred + rng.normal(0, NOISE, image.shape)), 0, 255).astype(np.uint8)
 

@@ -70,6 +70,7 @@ from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.others_heard import OthersHeard
 from tests.fakes.simulated_time import SimulatedLoop
 
@@ -78,7 +79,7 @@ PIXELS = 0.5
 """Scale of the simulated images against the cell's, each way: smaller images are processed faster."""
 SLOWEST, FASTEST = 25.0, 40.0
 """Percent: speed limits that the configuration sets alternately; the motion monitor has the same ones."""
-POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
+POST = {"low_mm": (300.0, 215.0, -300.0), "high_mm": (345.0, 260.0, -20.0)}
 """A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
 arm."""
 SPARE_MM = 3.0
@@ -595,9 +596,9 @@ class NoSyncer:
 class BareTable(SimulatedOperator):
     """A table without parts when the daemon starts."""
 
-    def scatter(self, labels: Sequence[str] = ()) -> None:
+    def scatter(self, labels: Sequence[str] = (), steady: bool = False) -> None:
         """Scatter the named parts."""
-        super().scatter(labels)
+        super().scatter(labels, steady)
 
 
 @contextmanager
@@ -658,7 +659,7 @@ class Story:
         self.folder = Path(tempfile.mkdtemp(prefix="facetd-", dir=base))
         self.loop, self.set_by_s, self._parts = SimulatedLoop(), 0.0, parts
         self.others = OthersHeard(self.loop.time, self._may_move)
-        self._patches = [
+        self._patches: list[Any] = [
             patch.object(time, "monotonic", self.loop.time),
             patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
             patch.object(build_room, "build", self._build),
@@ -680,6 +681,8 @@ class Story:
         _write_files(self.folder, self.terminal)
         manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
+        assert isinstance(self.cell.server, MemoryLine)
+        self.line = self.cell.server
         self.cell.motion_monitor.no_faster_than(0.0, FASTEST)
         self.words, self._stamp_s = Words(self), 0.0
         self._seen, self._brought, self._counted = 0, 0, dict[int, CycleEnd]()
@@ -768,8 +771,10 @@ class Story:
 
     def _may_move(self) -> bool:
         context = self._service.context
-        permission = context and context.cycle.supervisor.permission
-        return permission is not None and permission.granted and permission.fault is None
+        if context is None:
+            return False
+        permission = context.cycle.supervisor.permission
+        return permission.granted and permission.fault is None
 
     def hang(self, seconds: float) -> None:
         """Stall the computer for a while."""
@@ -840,7 +845,7 @@ class Story:
 
     def exchange_arm(self, joint: int, degrees: float) -> None:
         """Connect the adapter to another controller, which has just started and whose arm is elsewhere."""
-        self.harm(self.cell.server.unplug)  # type: ignore[union-attr]
+        self.harm(self.line.unplug)
         with self.cell.server.controller() as controller:
             controller.mishap(Mishap.POWER_CYCLED)
         self.wait(1.0)
@@ -885,7 +890,7 @@ class Story:
         faults.mute_answers = faults.late_answers = faults.repeated_places = 0
         for camera in ("left", "right"):
             self.cell.camera.set_fault(camera, None)
-        self.cell.server.unplugged = False  # type: ignore[union-attr]
+        self.line.unplugged = False
         with self.cell.server.controller() as controller:
             controller.machine.alive = True
             controller.machine.switch_arm_power_on()
@@ -969,7 +974,7 @@ class Story:
         faults, machine = self.cell.controller.faults, self.cell.controller.machine
         spoilt = faults.line or faults.noise_rate or faults.split_prompt_s or faults.repeated_places
         harmed = bool(spoilt or faults.mute_answers or faults.late_answers)
-        if harmed or self.cell.server.unplugged or not machine.alive:  # type: ignore[union-attr]
+        if harmed or self.line.unplugged or not machine.alive:
             self.harm()
         elif self._deaf and self.now_s > self._clear_s + HARMED_S:
             self._deaf = False
@@ -984,7 +989,7 @@ class Story:
             self.loop.time,
             on_wire,
             partial(belongs_together, geometry),
-            self.cell.server.open,  # type: ignore[union-attr]
+            self.line.open,
         )
         kind = SimulatedOperator if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)

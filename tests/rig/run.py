@@ -66,9 +66,9 @@ def run_jobs(names: list[str]) -> int:
         outcome = JOBS[name]()
         measured = guest.FOLDER / "results" / name / "measured"
         rows.append((name, outcome, measured.read_text().strip() if measured.exists() else ""))
-    for name, outcome, measured in rows:
+    for name, outcome, figures in rows:
         print(f"rig: {name}: {'passed' if outcome.status == 0 else 'FAILED'} in {outcome.seconds:.0f} s")
-        print("".join(f"rig:   measured: {line}\n" for line in measured.splitlines()), end="")
+        print("".join(f"rig:   measured: {line}\n" for line in figures.splitlines()), end="")
     return int(any(outcome.status for _, outcome, _ in rows))
 
 

@@ -123,8 +123,8 @@ def marked_file(leaf: Leaf) -> tuple[str, int]:
     for name in OBSOLETE:
         *above, key = name.split(".")
         section = data
-        for step in above:
-            section = section[step]
+        for part in above:
+            section = section[part]
         section.pop(key, None)
     data["cell"] = "linuxcnc" if leaf.keys[0] == "backend" else "real"
     data = {key: data[key] for key in ("version", "cell", "cameras", leaf.keys[0])}

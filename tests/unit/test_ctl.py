@@ -82,7 +82,7 @@ def test_help_and_answers_are_no_wider_than_the_terminal(
     answer = {"text": "what the daemon says, in a line of more than forty columns", "data": {}, "status": 0}
     ctl.show(answer, as_json=False)
     assert len(seen.getvalue().splitlines()) == 1, "another program reads it as it was said"
-    seen.isatty = lambda: True  # type: ignore[method-assign]
+    seen.isatty = lambda: True
     ctl.show(answer, as_json=False)
     assert max(map(len, seen.getvalue().splitlines()[1:])) <= 40
 

@@ -9,22 +9,23 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from daemon import frames
+from daemon.arrays import Array
 
 vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
 
 
-def pose(turn: frames.Array, shift: frames.Array) -> frames.Array:
+def pose(turn: Array, shift: Array) -> Array:
     return frames.rigid(frames.rotation_from_vector(turn), 100.0 * shift)
 
 
 @given(vectors, vectors)
-def test_a_transform_and_its_inverse_cancel(turn: frames.Array, shift: frames.Array) -> None:
+def test_a_transform_and_its_inverse_cancel(turn: Array, shift: Array) -> None:
     t = pose(turn, shift)
     np.testing.assert_allclose(frames.inverse(t) @ t, np.eye(4), atol=1e-9)
 
 
 @given(vectors, vectors)
-def test_the_rotation_vector_comes_back_through_the_matrix(turn: frames.Array, shift: frames.Array) -> None:
+def test_the_rotation_vector_comes_back_through_the_matrix(turn: Array, shift: Array) -> None:
     r = frames.rotation_from_vector(turn)
     np.testing.assert_allclose(frames.rotation_from_vector(frames.vector_from_rotation(r)), r, atol=1e-6)
 
@@ -38,7 +39,7 @@ def test_half_a_turn_has_an_axis_and_the_angle_pi(axis: list[float]) -> None:
 
 
 @given(vectors, vectors, vectors, vectors)
-def test_difference_undoes_perturb(turn: frames.Array, shift: frames.Array, dt: frames.Array, dr: frames.Array) -> None:
+def test_difference_undoes_perturb(turn: Array, shift: Array, dt: Array, dr: Array) -> None:
     motion = np.concatenate([dt, 0.3 * dr])
     t = pose(turn, shift)
     np.testing.assert_allclose(frames.difference(frames.perturb(t, motion), t), motion, atol=1e-6)
@@ -74,9 +75,7 @@ def test_fusing_nothing_is_refused() -> None:
 
 
 @given(vectors, vectors)
-def test_the_nearest_rotation_to_a_rotation_and_a_little_is_that_rotation(
-    turn: frames.Array, noise: frames.Array
-) -> None:
+def test_the_nearest_rotation_to_a_rotation_and_a_little_is_that_rotation(turn: Array, noise: Array) -> None:
     r = frames.rotation_from_vector(turn)
     found = frames.nearest_rotation(np.stack([r, 3.0 * r, r + 1e-3 * frames.cross_matrices(noise) @ r]))
     np.testing.assert_allclose(found[:2], [r, r], atol=1e-9)
@@ -99,7 +98,7 @@ def test_the_nearest_rotation_to_a_mirror_is_no_mirror() -> None:
         (np.eye(3), "4x4"),
     ],
 )
-def test_what_is_no_rigid_transform_is_told_in_words(matrix: frames.Array, told: str) -> None:
+def test_what_is_no_rigid_transform_is_told_in_words(matrix: Array, told: str) -> None:
     assert told in str(frames.not_rigid(matrix))
     assert frames.not_rigid(np.eye(4)) is None
 

@@ -79,7 +79,7 @@ def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() ->
     drawing = (HOUSE / "docs" / "ARCHITECTURE.md").read_text().split("```")[1].strip().splitlines()
     drawn: dict[str, list[str]] = {"daemon": []}
     for line in drawing[: drawing.index(next(x for x in drawing if x.startswith("arrays"))) + 1]:
-        names = re.match(r" *((?:\w+ )*\w+)  ", line)[1].split()  # type: ignore[index]
+        names = re.match(r" *((?:\w+ )*\w+)  ", line)[1].split()
         container = f"daemon.{drawn['daemon'][-1]}" if line.startswith(" ") else "daemon"
         drawn.setdefault(container, []).extend(names)
     contracts = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]

@@ -38,7 +38,7 @@ class Told(Sentry):
         log.wire({"way": "out", "bytes": self.wire})
         assert log.settle()
 
-    def do(self, text: str) -> dict[str, Any]:
+    def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Answer by rote."""
         self.here += self.drifts_deg
         if text == "enable":
@@ -145,7 +145,7 @@ class ToldBeside(Beside):
 
     off_deg = 0.0
 
-    def do(self, text: str) -> dict[str, Any]:
+    def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Answer WHERE."""
         return {"text": "", "data": {"joints_deg": [j + self.off_deg for j in self.joints_deg()]}, "status": 0}
 

@@ -190,7 +190,7 @@ def _kept(here: Rig, run: RunLog) -> None:
         run.record(kind, **fields)
         record(kind, **fields)
 
-    here.cycle.cell.log.record = both  # type: ignore[method-assign]
+    here.cycle.cell.log.record = both
 
 
 async def planted(model: Any, plant: Plant, seed: int, folder: Path) -> None:

@@ -158,7 +158,7 @@ def on_state(here: Rig, state: str, act: Callable[[], None]) -> None:
             done = True
             act()
 
-    here.cycle.cell.log.record = listening  # type: ignore[method-assign]
+    here.cycle.cell.log.record = listening
 
 
 def mark_faults(here: Rig) -> list[int]:
@@ -170,7 +170,7 @@ def mark_faults(here: Rig) -> list[int]:
         if kind == "fault":
             at.append(len(here.log.wire))
 
-    here.cycle.cell.log.record = listening  # type: ignore[method-assign]
+    here.cycle.cell.log.record = listening
     return at
 
 

@@ -82,7 +82,7 @@ def right_and_wrong(here: Hours, found: Sequence[ObservedPart]) -> tuple[int, in
     """How many parts that lie there have their name, and how many names are none's."""
     right, wrong = set[str](), 0
     for one in (part for part in found if part.named):
-        shape_of = here.cycle.recogniser.shape(one.label)  # type: ignore[union-attr]
+        shape_of = here.cycle.recogniser.shape(one.label)
         assert shape_of is not None
         middle = frames.apply(one.world_from_part, shape_of.corners_mm).mean(axis=0)
         own = [p.name for p in here.cell.world.parts if p.label == one.label and _off(p, middle) < NEAR_MM]

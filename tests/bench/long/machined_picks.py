@@ -41,4 +41,5 @@ def main(count: int, first: int, labels: Sequence[str]) -> None:
 if __name__ == "__main__":
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
     chosen = [word for word in sys.argv[1:] if not word.isdigit()] or MACHINED
-    main(*(numbers + [20, 3000][len(numbers) :]), chosen)
+    picks, first = numbers + [20, 3000][len(numbers) :]
+    main(picks, first, chosen)

@@ -463,8 +463,9 @@ class Trials:
                 assert loaded(mutation), f"nothing to put it into, so that it would seem to live: {mutation}"
                 mine, process = _forked(partial(self._tried, mutation, self._those_of(mutation)))
                 tried[mine] = Trial(mutation, process, time.monotonic() + LEAST_S)
-            for mine in wait(list(tried), 1.0):
-                assert isinstance(mine, Connection)
+            for ready in wait(list(tried), 1.0):
+                assert isinstance(ready, Connection)
+                mine = ready
                 self._hear(mine, tried[mine])
             for mine, trial in list(tried.items()):
                 if trial.by is None and time.monotonic() > trial.until_s:
@@ -509,7 +510,8 @@ class Trials:
 def _functions_of(tree: ast.Module) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]:
     """Functions and methods by qualified name."""
     found = {}
-    for owner in (tree, *(c for c in tree.body if isinstance(c, ast.ClassDef))):
+    owners: list[ast.Module | ast.ClassDef] = [tree, *(c for c in tree.body if isinstance(c, ast.ClassDef))]
+    for owner in owners:
         prefix = "" if isinstance(owner, ast.Module) else f"{owner.name}."
         found |= {prefix + f.name: f for f in owner.body if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef)}
     return found

@@ -16,6 +16,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -88,13 +89,13 @@ def scribble(rng: Chance) -> Image:
 
 
 def _grain(rng: Chance, sigma_px: float) -> NDArray[np.float64]:
-    grain = rng.normal(size=(HIGH, WIDE))
+    grain: np.ndarray = rng.normal(size=(HIGH, WIDE))
     if sigma_px:
         grain = cv2.GaussianBlur(grain, (0, 0), sigma_px)
     return np.asarray(grain / grain.std(), np.float64)
 
 
-def _levels(picture: NDArray[np.float64] | NDArray[np.float32], rng: Chance) -> Image:
+def _levels(picture: np.ndarray, rng: Chance) -> Image:
     """Some contrast about some grey."""
     low, high = np.sort(rng.uniform(0, 255, 2))
     spread = (picture - picture.min()) / max(float(np.ptp(picture)), 1e-9)
@@ -123,7 +124,8 @@ def photographs() -> list[Image]:
             print(f"photographs: {root}")
             return []
         files = sorted(f for f in (root / "skimage/data").iterdir() if f.suffix in (".png", ".jpg", ".jpeg"))
-        return [cv2.resize(read_grey(file), (WIDE, HIGH), interpolation=cv2.INTER_AREA) for file in files]
+        sized: list[Any] = [cv2.resize(read_grey(file), (WIDE, HIGH), interpolation=cv2.INTER_AREA) for file in files]
+        return sized
 
 
 def pairs(count: int, seed: int) -> Iterator[tuple[str, Image, Image]]:

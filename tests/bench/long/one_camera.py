@@ -18,7 +18,7 @@ import numpy as np
 
 from daemon.arm import CameraName
 from daemon.commands.moving import resume
-from daemon.pick.outcome import Outcome
+from daemon.events.outcomes import Outcome
 from daemon.vision.model.model import Model
 from drivers.simcell.parts import TAUGHT
 from tests.fakes import simulated_cell

@@ -79,7 +79,7 @@ class Stopwatch:
         self._since: tuple[float, float] | None = None
         self._pictures = [0.0, 0.0]
         self._move, self._grab = here.robot.move, here.cycle.cell.cameras.grab
-        here.robot.move, here.cycle.cell.cameras.grab = self.move, self.grab  # type: ignore[method-assign]
+        here.robot.move, here.cycle.cell.cameras.grab = self.move, self.grab
 
     async def move(self, *args: Any, **how: Any) -> Any:
         """The robot's move, with the turn before it told."""
@@ -235,8 +235,8 @@ def main() -> None:
             print(f" {number} calibrations: {binned} of {len(found[SURE])} in the bin", flush=True)
     print(f"\n{'':18}{'picks':>6}{'grasped':>10}{'error mm: median, 95 %':>26}{'degrees':>16}", end="")
     print(f"{'predicted':>11}{'stops':>7}")
-    for name, ones in found.items():
-        _told(name, ones)
+    for name, every in found.items():
+        _told(name, every)
     _times(turns)
     print(f"{time.monotonic() - began:.0f} s")
 

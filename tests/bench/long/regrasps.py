@@ -91,6 +91,8 @@ if __name__ == "__main__":
     numbers = [int(word) for word in words if word.isdigit()]
     chosen = [word for word in words if not word.isdigit()] or list(PARTS)
     if what == "plan":
-        asyncio.run(plans(*(numbers + [12][len(numbers) :]), chosen))
+        (count,) = numbers + [12][len(numbers) :]
+        asyncio.run(plans(count, chosen))
     else:
-        cell(*(numbers + [4, 1000][len(numbers) :]), chosen)
+        count, first = numbers + [4, 1000][len(numbers) :]
+        cell(count, first, chosen)

@@ -102,4 +102,5 @@ def main(count: int, planted: int, first: int, labels: Sequence[str]) -> None:
 if __name__ == "__main__":
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
     chosen = [word for word in sys.argv[1:] if not word.isdigit()] or PARTS
-    main(*(numbers + [42, 14, 1000][len(numbers) :]), chosen)
+    a, b, c = numbers + [42, 14, 1000][len(numbers) :]
+    main(a, b, c, chosen)

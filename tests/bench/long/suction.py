@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 
+from drivers.simcell.truth import Works
 from tests.fakes.holed import holed_pair
 from tests.fakes.suction_cell import Drawn, picked
 
@@ -23,7 +24,7 @@ def block(seed: int) -> Drawn:
     return Drawn(made.label, made.drawing, made.shape)
 
 
-def pick(seed: int, switch: str = "works") -> tuple[str, str, str]:
+def pick(seed: int, switch: Works = "works") -> tuple[str, str, str]:
     """How a pick ended, where the part is, and why it ended so."""
     try:
         end, lies, here = picked(seed, block(seed), switch)

@@ -12,6 +12,7 @@ import sys
 import time
 from functools import partial
 from multiprocessing import Pool
+from typing import Any
 
 from hypothesis import seed, settings
 
@@ -27,7 +28,7 @@ SEEDS = 20
 def lived(first_seed: int, number: int) -> tuple[int, int, str]:
     """Seed, steps and, where the arm surprised, what was so and the script."""
     here = first_seed + number
-    machine = seed(here)(type("Surprises", (Surprises,), {}))
+    machine: Any = seed(here)(type("Surprises", (Surprises,), {}))
     told = ""
     try:
         live(machine, settings(HOUSE, max_examples=STORIES))

@@ -14,6 +14,7 @@ from collections import Counter
 from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -123,4 +124,5 @@ def main(count: int = 2000, seed: int = 14, workers: int = 1, most_s: int = 100_
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:5]), *sys.argv[5:])
+    numbers: Any = map(int, sys.argv[1:5])
+    main(*numbers, *sys.argv[5:])

@@ -82,14 +82,14 @@ def watched(world: World, goals: list[Goal]) -> list[str]:
     found: list[str] = []
     opened = world.open_hand
 
-    def open_hand(world_from_tool):  # type: ignore[no-untyped-def]
+    def open_hand(world_from_tool):
         if world.held is not None:
             middle = frames.apply(world_from_tool @ world.held.pose, world.held.shape.hull.vertices).mean(axis=0)
             near = [goal for goal in goals if np.linalg.norm((middle - goal.centre)[:2]) < AT_PLACE_MM]
             found.extend(f"{goal.place.name} was filled twice" for goal in near if lying_at(world, goal))
         return opened(world_from_tool)
 
-    world.open_hand = open_hand  # type: ignore[method-assign]
+    world.open_hand = open_hand
     return found
 
 
@@ -211,7 +211,7 @@ def harm(kills: int, seed: int) -> list[str]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _filling(daemon: Beside) -> None:  # type: ignore[override]
+def _filling(daemon: Beside) -> None:
     for text in ("auto on", "auto wait"):
         daemon.do(text)
 

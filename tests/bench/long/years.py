@@ -216,7 +216,7 @@ def cameras(folder: Path, done: int, count: int, _: Progress) -> Iterator[tuple[
     """Openings of a stereo camera: after each the devices fail in one way, are let go, and found again."""
     folder.mkdir(parents=True, exist_ok=True)
     devices = {f"/dev/video{k}": PretendDevice(name) for k, name in enumerate(("left", "right"))}
-    system = PretendSystem(devices)
+    system: Any = PretendSystem(devices)
     settings = CameraSettings("left", "right", 8, 4, fps=10.0)
     cameras = V4L2StereoCamera(settings, system.clock, system)
     harms = itertools.cycle(_harms(system, devices))

@@ -9,7 +9,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from math import inf
 
 import numpy as np
@@ -198,9 +198,7 @@ def rotation_table() -> str:
         order = rng.permutation(6)
         turned = view[np.ix_(order, order)]
         facets = int((view.any(0) | view.any(1)).sum())
-        rows.append(
-            [f"{NODE_LABELS[index]}, {facets} facets", _ms(lambda turned=turned, layer=layer: layer.recall(turned))]
-        )
+        rows.append([f"{NODE_LABELS[index]}, {facets} facets", _ms(partial(layer.recall, turned))])
     return table(
         ["view, facets numbered at random", "a recall here, over all 720 numberings of six slots, six nodes"], rows
     )

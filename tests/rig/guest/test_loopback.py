@@ -82,7 +82,8 @@ def test_what_is_fed_comes_out_bit_for_bit(code: str, camera: Callable[..., V4L2
             pair = grab_now(cameras)
             for got, fed in zip((pair.left, pair.right), picture(number_of(pair.left.pixels)), strict=True):
                 if code == "MJPEG":
-                    fed = cv2.imdecode(np.frombuffer(loopback.pack(code, fed), np.uint8), cv2.IMREAD_GRAYSCALE)
+                    packed = np.frombuffer(loopback.pack(code, fed), np.uint8)
+                    fed = np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE))
                 assert np.array_equal(got.pixels, fed)
         assert f"{code} 640x480" in cameras.describe()
 
@@ -196,7 +197,9 @@ def test_a_person_lists_the_cameras_and_saves_what_they_show(
     print(listed)
     for line in ("/dev/video0  `left`  (v4l2 loopback", "GREY 640x480", "pairs in 2", "skew median ", " 0 damaged"):
         assert line in listed
-    left, right = (cv2.imread(str(shot / f"{camera}.png"), cv2.IMREAD_UNCHANGED) for camera in ("left", "right"))
+    left, right = (
+        np.asarray(cv2.imread(str(shot / f"{camera}.png"), cv2.IMREAD_UNCHANGED)) for camera in ("left", "right")
+    )
     for got, fed in zip((left, right), picture(number_of(left)), strict=True):
         assert np.array_equal(got, fed)
     capsys.readouterr()

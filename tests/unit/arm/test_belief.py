@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
 def everything(holding: bool = True) -> CellBelief:
     """All of it known, as facetd's own acts left it."""
-    values = {
+    values: dict[str, Any] = {
         "position": READING,
         "planned": READING,
         "last_joint_move_end": READING,

@@ -4,6 +4,7 @@ import importlib.util
 import itertools
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from daemon.arm.body import (
     Capsule,
     FixtureBox,
     KeepOut,
+    Link,
     above_mm,
     away_mm,
     body_of,
@@ -36,7 +38,7 @@ NEAR_MM = 60.0
 places = st.tuples(*[st.floats(-400, 400)] * 3)
 
 
-def ends(*capsules):
+def ends(*capsules) -> tuple[np.ndarray, np.ndarray]:
     """(1, C, 2, 3) and radii."""
     return np.array([[(a, b) for a, b, _ in capsules]], float), np.array([r for *_, r in capsules], float)
 
@@ -135,7 +137,7 @@ def test_the_nearest_of_an_axis_is_found_wherever_on_it_that_is_and_as_well_wher
 def test_each_capsule_goes_with_its_link():
     joints = np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]])
     links = puma560.link_frames(joints)
-    of_link = ("upper_arm", "forearm", "wrist", "tool")
+    of_link: tuple[Link, ...] = ("upper_arm", "forearm", "wrist", "tool")
     capsules = tuple(Capsule(link, link, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 7.0) for link in of_link)
     placed = body_of(capsules, ()).placed(links)[0]
     for row, frame in zip(placed[:4], (2, 3, 6, 7), strict=True):
@@ -198,8 +200,8 @@ def test_what_the_motion_monitor_of_the_simulated_cell_watches_of_the_arm_is_wit
     points here."""
     rods = [*TRUTH.safety.body, *(rod for rod in finger_rods(TRUTH.gripper) if rod.radius_mm != 2.0)]
     watched = motion_monitor.ArmSpheres(rods, PUMA, np.zeros(6))
-    for joints in np.random.default_rng(0).uniform(*PUMA.limits_rad.T, (10, 6)):
-        motion = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
+    for joints in np.random.default_rng(0).uniform(PUMA.limits_rad[:, 0], PUMA.limits_rad[:, 1], (10, 6)):
+        motion: Any = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
         balls, _ = watched.at(motion, np.zeros(1))
         out_mm = outside_mm(balls[0], puma560.link_frames(joints[None], PUMA)[0]) + watched.radii_mm
         assert out_mm.max() < 0.1

@@ -22,7 +22,7 @@ from tests.fakes.fake_cell import World, build, permitted
 from tests.fakes.swept import ARM, ROBOT
 
 LIMITS = Limits()
-CUBE = 40.0 * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5)
+CUBE = 40.0 * (np.indices((2, 2, 2)).reshape(3, 8).T.astype(float) - 0.5)
 """(8, 3) corners of a 40 mm cube about the tool centre point."""
 
 

@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -379,10 +380,11 @@ def test_on_the_sides_of_the_workspace_the_tool_may_be_and_a_hair_beyond_not(axi
     point = AT[:3, 3]
     for side, beyond in (("box_low_mm", np.inf), ("box_high_mm", -np.inf)):
         sides = point.copy()
-        limits = replace(LIMITS, **{side: tuple(sides)})
+        within: Any = {side: tuple(sides)}
+        limits = replace(LIMITS, **within)
         assert rule_of(command(AT), limits) is None
         sides[axis] = np.nextafter(sides[axis], beyond)
-        assert rule_of(command(AT), replace(limits, **{side: tuple(sides)})) == "outside_workspace"
+        assert rule_of(command(AT), replace(limits, **within | {side: tuple(sides)})) == "outside_workspace"
 
 
 def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():

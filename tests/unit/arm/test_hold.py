@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from math import inf
 
 import pytest
@@ -37,10 +38,11 @@ def waits(hold: PauseAndStep, ask: bool, then: Callable[[asyncio.Task[None]], ob
 
 def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
     said: list[JobEvent] = []
-    for then, becomes in ((lambda _: None, "waits"), (lambda hold: hold.end_pause(), "goes")):
+    act: Callable[[PauseAndStep], None]
+    for act, becomes in ((lambda _: None, "waits"), (PauseAndStep.end_pause, "goes")):
         hold = PauseAndStep(MotionPermission(), said.append)
         hold.pause()
-        assert waits(hold, False, lambda _, hold=hold, then=then: then(hold)) == becomes
+        assert waits(hold, False, partial(lambda hold, act, _: act(hold), hold, act)) == becomes
     assert said == [JobEvent.PAUSE, JobEvent.PAUSE, JobEvent.RESUME]
 
 

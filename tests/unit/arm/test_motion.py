@@ -5,6 +5,7 @@ import asyncio
 import contextlib
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -237,9 +238,9 @@ def test_an_arm_that_its_pendant_moved_between_two_moves_is_not_sent_on(joint):
             if joint is None:
                 world.at = frames.perturb(world.at, np.array([0, 0.6, 0, 0, 0, 0]))
             else:
-                there = mover.cell.robot._joints
-                turned = np.radians(0.3) * np.eye(6)[joint]
-                mover.cell.robot._joints = lambda pose: there(pose) + turned
+                robot: Any = mover.cell.robot
+                there, turned = robot._joints, np.radians(0.3) * np.eye(6)[joint]
+                robot._joints = lambda pose: there(pose) + turned
 
     world.before = by_pendant
     del world.wire[:]
@@ -336,8 +337,9 @@ def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(v
     mover = mover_in(world)
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     over = puma560.inverse(NEAR, puma560.Configuration(flip=True), ARM, mover.belief.resting_reading.joints_rad)
-    honest, joints = mover.cell.robot._joints, {"over": True}
-    mover.cell.robot._joints = lambda pose: over if joints["over"] else honest(pose)
+    robot: Any = mover.cell.robot
+    honest, joints = robot._joints, {"over": True}
+    robot._joints = lambda pose: over if joints["over"] else honest(pose)
     if void is not None:
         mover.beliefs.void(void)
     asyncio.run(mover.wait_until_at_rest())
@@ -421,8 +423,8 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
     mover = mover_in(world)
     move = mover.cell.robot.move
 
-    async def missing(pose, **how):
-        return await move(frames.perturb(pose, np.array(off, float)), **how)
+    async def missing(world_from_tool, **how):
+        return await move(frames.perturb(world_from_tool, np.array(off, float)), **how)
 
     mover.cell.robot.move = missing
     with pytest.raises(NotAtTargetError, match="the arm did not arrive: WHERE is"):
@@ -571,7 +573,7 @@ def test_a_way_through_several_places_is_checked_from_each_to_the_next():
     post = KeepOut("post", (x - 20.0, y + 130.0, -300.0), (x + 20.0, y + 170.0, z + 20.0))
     mover = mover_in(World(np.random.default_rng(0)), keep_out=(post,))
     up, over, down = (
-        frames.rigid(HEAD_DOWN[:3, :3], [x, y + by, z + up]) for by, up in ((0, 250), (300, 250), (300, 0))
+        frames.rigid(HEAD_DOWN[:3, :3], np.array([x, y + by, z + up])) for by, up in ((0, 250), (300, 250), (300, 0))
     )
     mover.check_through([up, over, down])
     with pytest.raises(MoveRefusedError, match="post"):

@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from daemon.arm.belief import Beliefs, BeliefSource, Reading
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.mounting import OnHand
 from daemon.arm.permission import MotionPermission, Refusal
 from daemon.arm.route import plan_path
 from daemon.arm.workcell import Workcell
@@ -164,8 +166,8 @@ class Jumping:
 
 
 def mover_at(pose, limits=LIMITS):
-    robot = Jumping(reading(pose))
-    cell = Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4), asyncio.to_thread)
+    robot: Any = Jumping(reading(pose))
+    cell = Workcell(robot, None, Log(), lambda: 0.0, None, OnHand(np.eye(4)), asyncio.to_thread)
     mover = permitted(Mover(cell, limits, Arrival()))
     mover.beliefs.learn(BeliefSource.REPORTED, position=robot.at)
     return mover, robot

@@ -2,11 +2,13 @@
 
 import asyncio
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from daemon.arm.settling import NotSettledError, Settling, block_means, change, settled_pair, still
+from daemon.arm.settling import NotSettledError, Settling, change, settled_pair, still
+from daemon.vision.image.grey import block_means
 from tests.fakes.fake_cell import FakePair, FakePicture
 
 
@@ -66,7 +68,7 @@ class ShownCameras:
 
 
 def settle(cameras: ShownCameras, rest_s: float = 1.0):
-    cell = SimpleNamespace(cameras=cameras, clock=lambda: cameras.now_s)
+    cell: Any = SimpleNamespace(cameras=cameras, clock=lambda: cameras.now_s)
     return asyncio.run(settled_pair(cell, rest_s, Settling(timeout_s=1.0)))
 
 
@@ -88,7 +90,7 @@ def test_the_second_pair_is_wholly_later_than_the_later_frame_of_the_first():
         taken = await grab(not_before_s, timeout_s)
         return FakePair(taken.left, FakePicture(taken.right.pixels, taken.right.taken_s + 0.01))
 
-    cameras.grab = skewed  # type: ignore[method-assign]
+    cameras.grab = skewed
     found = settle(cameras)
     assert cameras.asked_s == [1.0, found.before.right.taken_s]
 

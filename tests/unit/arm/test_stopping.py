@@ -92,7 +92,8 @@ def test_where_the_stop_took_long_as_it_was_tried_the_alarm_waits_for_two_of_it_
     """Controllers whose prompts come late sent their operators to the emergency stop, their arms at rest for long."""
 
     async def story() -> tuple[float, list[str | None]]:
-        arm, said = Arm(OSError("no prompt")), list[str | None]()
+        said = list[str | None]()
+        arm: Any = Arm(OSError("no prompt"))
         arm.permission.stop_took_s, arm.permission.stop_answered = 0.4, 3
         loop = asyncio.get_running_loop()
         stopping = Stopping(lambda: arm, said.append)

@@ -2,7 +2,9 @@
 
 import asyncio
 import gc
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,6 +77,13 @@ STOPS = [
 
 
 @pytest.mark.parametrize(("act", "fault", "what"), STOPS)
+def waits_for(event: asyncio.Event) -> Callable[[], Coroutine[Any, Any, None]]:
+    async def waits() -> None:
+        await event.wait()
+
+    return waits
+
+
 def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_what_it_was(act, fault, what):
     world, supervisor, heard = supervised()
     error = lived(interrupted(world, supervisor, lambda: act(supervisor)))
@@ -734,7 +743,7 @@ def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_h
 def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
     world, supervisor, _ = supervised()
     answered = asyncio.Event()
-    supervisor.mover.cell.robot.stop_motion = answered.wait
+    supervisor.mover.cell.robot.stop_motion = waits_for(answered)
 
     async def story() -> None:
         await supervisor.mover.wait_until_at_rest()
@@ -1186,7 +1195,7 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
 def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
     _, supervisor, _ = supervised()
     answered = asyncio.Event()
-    supervisor.mover.cell.robot.stop_motion = answered.wait
+    supervisor.mover.cell.robot.stop_motion = waits_for(answered)
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.abort())
@@ -1314,7 +1323,7 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
 
 def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
     _, supervisor, _ = supervised()
-    supervisor.mover.cell.robot.stop_motion = asyncio.Event().wait
+    supervisor.mover.cell.robot.stop_motion = waits_for(asyncio.Event())
 
     alarm = lived(supervisor.stop("by hand"))
     assert alarm is not None
@@ -1427,7 +1436,7 @@ def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the
     """Behind an adapter that was plugged in again there may be another arm."""
     world, supervisor, _ = supervised()
     answers = asyncio.Event()
-    supervisor.mover.cell.robot.stop_motion = answers.wait
+    supervisor.mover.cell.robot.stop_motion = waits_for(answers)
 
     async def story() -> None:
         alarm = await supervisor.stop("by hand")

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,7 +118,7 @@ def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
     for angle in (0.0, 0.5, 1.3):
         about = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3))
         some = travel(about @ start, about @ target)
-        way = path_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
+        way: Any = path_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
         found.append(way.moved_mm[-1])
     for turned in found[1:]:
         np.testing.assert_allclose(turned, found[0], rtol=1e-6)
@@ -138,7 +139,7 @@ def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_mor
         asked_for.append(len(poses))
         return ROBOT.along(poses, joints_rad)
 
-    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    robot: Any = SimpleNamespace(**vars(ROBOT) | {"along": along})
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     for some, count in (
         (travel(hand(500, -100, 100), hand(500, 100, 100)), 1),
@@ -161,7 +162,7 @@ def test_a_line_so_near_to_the_stretched_arm_that_it_would_be_asked_for_in_more_
     command = MoveCommand(
         frames.perturb(pose, np.array([176.5, -35.65, -163.5, -0.07, -0.215, -1.034])), True, 50.0, "a"
     )
-    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    robot: Any = SimpleNamespace(**vars(ROBOT) | {"along": along})
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     found = path_of(Reading(pose, joints), command, None, robot, body)
     assert isinstance(found, Refusal)
@@ -255,7 +256,7 @@ def test_where_the_least_lever_arm_could_fall_by_much_is_looked_at_in_so_many_pa
 
 
 def bounded(ends, capsules=LIMITS.capsules):
-    some = travel(*ends, limits=replace(LIMITS, capsules=capsules))
+    some = travel(ends[0], ends[1], limits=replace(LIMITS, capsules=capsules))
     return path_of(some.start, some.command, None, ROBOT, body_of(capsules, LIMITS.body_mm))
 
 
@@ -299,9 +300,9 @@ def test_a_line_begins_where_the_arm_is_whatever_way_the_robot_would_have_it_sta
         found[0] = np.nan
         return found
 
-    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    robot: Any = SimpleNamespace(**vars(ROBOT) | {"along": along})
     some = travel(hand(500, -100, 100), hand(500, 100, 100))
-    way = path_of(some.start, some.command, None, robot, body_of(LIMITS.capsules, LIMITS.body_mm))
+    way: Any = path_of(some.start, some.command, None, robot, body_of(LIMITS.capsules, LIMITS.body_mm))
     np.testing.assert_allclose(way.places[0], ROBOT.frames(some.start.joints_rad[None])[0])
 
 
@@ -328,11 +329,11 @@ def low_travels(count):
     found = []
     while len(found) < count:
         ends = [
-            hand(*rng.uniform([200, -500, -296], [800, 500, -230]), rng.uniform(0, 30), rng.uniform(-180, 180))
+            hand(*rng.uniform([200, -500, -296], [800, 500, -230]), *rng.uniform([0, -180], [30, 180]))
             for _ in range(2)
         ]
         try:
-            some = travel(*ends, straight=False)
+            some = travel(ends[0], ends[1], straight=False)
         except puma560.UnreachableError:
             continue
         if ROBOT.reachable(ends[1], some.start.joints_rad) is None:
@@ -439,7 +440,7 @@ def test_where_the_hand_turns_about_its_own_axis_its_points_go_as_far_as_they_re
     start = hand(560, 0, 0)
     target = start @ frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, 1.0])), np.zeros(3))
     some, body = travel(start, target), body_of(LIMITS.capsules, LIMITS.body_mm)
-    way = path_of(some.start, some.command, None, ROBOT, body)
+    way: Any = path_of(some.start, some.command, None, ROBOT, body)
     gone = way.travel_mm(np.array([0.0, 1.0]))[0]
     reach_mm = np.linalg.norm(body.ends_mm[..., :2], axis=-1).max(axis=1)
     assert (gone >= reach_mm)[body.frame == 7].all()
@@ -562,7 +563,8 @@ def test_each_side_of_the_room_holds_what_sticks_out_farthest_to_it_by_the_clear
     for short_mm, told in ((1.0, "outside_room"), (-1.0, None)):
         sides = list(getattr(bare, side))
         sides[axis] = float(target[axis, 3]) + out * (60.0 + 4.0 + LIMITS.clearance_mm - short_mm)
-        assert rule(travel(start, target, True, replace(bare, **{side: tuple(sides)}))) == told
+        room: Any = {side: tuple(sides)}
+        assert rule(travel(start, target, True, replace(bare, **room))) == told
 
 
 def test_a_gap_goes_by_the_travel_of_what_it_is_told_of():

@@ -1,6 +1,8 @@
 """Which arm makes these WHEREs: conventions, lengths, base and tool, against arms whose truth is known."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,11 +40,12 @@ class Truth:
         return np.array([matrix_from_location(Location(*np.round(v[:3], 2), *np.round(v[3:], 3))) for v in exact])
 
 
-def geometry(lengths: tuple[float, ...], rng: np.random.Generator, tilted: bool) -> ArmGeometry:
+def geometry(lengths: Sequence[float], rng: np.random.Generator, tilted: bool) -> ArmGeometry:
     turn = frames.rotation_from_vector(rng.normal(size=3) * 0.4) if tilted else np.eye(3)
     tool = frames.rigid(turn, np.array([0.0, 0.0, 130.0]) + tilted * rng.uniform(-60, 60, 3))
-    base = frames.rigid(frames.rotation_from_vector([0, 0, rng.uniform(-3, 3)]), rng.uniform(-500, 500, 3))
-    return ArmGeometry(*lengths, world_from_base=base, flange_from_tool=tool)
+    base = frames.rigid(frames.rotation_from_vector(np.array([0, 0, rng.uniform(-3, 3)])), rng.uniform(-500, 500, 3))
+    a2, a3, d3, d4 = lengths
+    return ArmGeometry(a2, a3, d3, d4, world_from_base=base, flange_from_tool=tool)
 
 
 def read(truth: Truth, joints_deg: Array) -> tuple[ArmEstimate, Array, Array]:
@@ -79,7 +82,8 @@ def test_twelve_readings_of_an_arm_with_any_convention_name_it_and_give_its_leng
     assert np.abs(poses(found, printed) - places).max() < 0.1
     elsewhere = rng.uniform(LOW, HIGH, (20, 6))
     assert np.abs(poses(found, truth.printed_deg(elsewhere)) - truth.places(elsewhere)).max() < 0.1
-    alike = likeness(found.lengths_mm, tuple(found.sigma[length] for length in ("a2", "a3", "d3", "d4")))
+    sigma: Any = tuple(found.sigma[length] for length in ("a2", "a3", "d3", "d4"))
+    alike = likeness(found.lengths_mm, sigma)
     assert alike is not None
     assert name in alike.arm.name
     assert alike.unit_mm == 1.0

@@ -21,8 +21,12 @@ def test_each_of_many_hypotheses_is_its_own_arm_as_it_counts_its_joints(against_
     printed = rng.uniform(-2.0, 2.0, (5, 6))
     turns, places = tool_places(parameters, Convention(SIGNS, against_horizon), printed)
     for x, turned, placed in zip(parameters, turns, places, strict=True):
+        a2, a3, d3, d4 = x[5:9]
         arm = ArmGeometry(
-            *x[5:9],
+            a2,
+            a3,
+            d3,
+            d4,
             world_from_base=frames.rigid(np.eye(3), x[15:]),
             flange_from_tool=frames.rigid(frames.rotation_from_vector(x[9:12]), x[12:15]),
         )

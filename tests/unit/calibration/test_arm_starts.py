@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from daemon.calibration import arm_from_readings
-from tests.unit.calibration.test_arm_from_readings import HIGH, LOW, Truth, geometry, poses, read, walk
+from daemon.calibration.arm_from_readings import poses
+from daemon.calibration.least_squares import minimise
+from tests.unit.calibration.test_arm_from_readings import HIGH, LOW, Truth, geometry, read, walk
 
 CONVENTIONS = 8
 
@@ -15,7 +17,7 @@ CONVENTIONS = 8
 def test_the_first_few_guesses_at_an_arms_zeros_are_enough(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Readings in small steps of each joint, as at a first contact: their horizontal turns give joint 1's zero and with
     it the tool. Without, ten times as many guesses are refined, and some arms are not found."""
-    rng, refined = np.random.default_rng(seed), arm_from_readings.minimise
+    rng, refined = np.random.default_rng(seed), minimise
     lengths = (431.8, 20.3, 150.05, 431.8)
     truth = Truth(geometry(lengths, rng, tilted=True), rng.choice([-1.0, 1.0], 6), rng.uniform(-180, 180, 6))
     fits = 0

@@ -24,6 +24,10 @@ from tests.fakes.chosen import few
 from tests.fakes.rigs import rig
 
 
+def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
+    return cv2.GaussianBlur(image, (0, 0), sigma_px)
+
+
 def test_corners_are_numbered_from_the_black_end_however_the_board_is_turned() -> None:
     upright, turned = find_board(drawn_board(), BOARD), find_board(drawn_board(turned=True), BOARD)
     np.testing.assert_allclose(upright.corners_px[0], [155.5, 135.5], atol=0.05)
@@ -33,7 +37,7 @@ def test_corners_are_numbered_from_the_black_end_however_the_board_is_turned() -
 
 def test_a_blurred_and_a_half_hidden_board_each_get_their_reason() -> None:
     with pytest.raises(BoardError, match="blurred"):
-        find_board(cv2.GaussianBlur(drawn_board(), (0, 0), 4.0), BOARD)
+        find_board(blurred(drawn_board(), 4.0), BOARD)
     half = drawn_board()
     half[:, 300:] = 230
     with pytest.raises(BoardError, match="no 9x6 board in view"):
@@ -156,7 +160,7 @@ def test_a_board_of_which_one_row_is_covered_with_paper_is_named_as_what_shows()
     """Its corners would be where they are; a person who covers none, or names what shows, gets on."""
     board = Board(9, 6, 16.0, "charuco")
     drawn = np.pad(board.charuco().generateImage((400, 280)), 40, constant_values=255)
-    image = cv2.GaussianBlur(drawn, (0, 0), 0.7)
+    image = blurred(drawn, 0.7)
     assert len(find_board(image, board).corner_ids) == 54
     image[280:] = 255
     with pytest.raises(BoardError, match="give `9x5 16 charuco`"):
@@ -238,7 +242,7 @@ def test_markers_in_view_agree_with_the_layout_that_numbers_them_and_no_other(
 def test_eight_corners_of_a_charuco_board_are_enough_and_four_are_not() -> None:
     board, square_px = Board(4, 6, 10.0, "charuco"), 40
     whole = np.pad(board.charuco().generateImage((5 * square_px, 7 * square_px)), square_px, constant_values=255)
-    image = cv2.GaussianBlur(whole, (0, 0), 0.7)
+    image = blurred(whole, 0.7)
     image[square_px * 5 // 2 + square_px :] = 60
     assert len(find_board(image, board).corner_ids) == 8
     image[square_px * 3 // 2 + square_px :] = 60

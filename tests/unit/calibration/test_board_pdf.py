@@ -25,7 +25,7 @@ BOARDS = [
 
 def boxes_of(page: bytes) -> np.ndarray:
     """(N, 4) x, y from the page's upper left corner, width, height, mm."""
-    height = float(re.search(rb"/MediaBox \[0 0 \S+ (\S+)\]", page)[1]) / POINTS_PER_MM  # type: ignore[index]
+    height = float(re.search(rb"/MediaBox \[0 0 \S+ (\S+)\]", page)[1]) / POINTS_PER_MM
     found = np.array([[float(x) for x in m.split()] for m in re.findall(rb"^(\S+ \S+ \S+ \S+) re$", page, re.M)])
     found[:, 1] = height - found[:, 1] - found[:, 3]
     return found
@@ -67,7 +67,7 @@ def test_black_and_white_share_the_board_as_its_drawing_has_them(
     rng = np.random.default_rng(0)
     at = rng.uniform(0, 1, (4000, 2)) * [board.columns + 1, board.rows + 1]
     low, high = boxes[:, :2] / square, (boxes[:, :2] + boxes[:, 2:]) / square
-    black = ((at[:, None] >= low) & (at[:, None] < high)).all(2).any(1)
+    black = np.any(np.all((at[:, None] >= low) & (at[:, None] < high), axis=2), axis=1)
     assert (black != board.drawing(at - 1)).all()
 
 
@@ -86,14 +86,14 @@ def test_the_file_is_a_pdf_whose_table_leads_to_its_objects() -> None:
     page = board_pdf(Board(9, 6, 24.0), "a4")
     assert page.startswith(b"%PDF-1.4\n")
     assert page.endswith(b"%%EOF\n")
-    start = int(re.search(rb"startxref\n(\d+)\n", page)[1])  # type: ignore[index]
+    start = int(re.search(rb"startxref\n(\d+)\n", page)[1])
     assert page[start : start + 4] == b"xref"
     offsets = [int(offset) for offset in re.findall(rb"^(\d{10}) 00000 n $", page, re.M)]
     assert [page[at : at + 7] for at in offsets] == [b"%d 0 obj" % number for number in range(1, 6)]
-    length = int(re.search(rb"/Length (\d+)", page)[1])  # type: ignore[index]
+    length = int(re.search(rb"/Length (\d+)", page)[1])
     stream = page.index(b"stream\n") + 7
     assert page[stream + length : stream + length + 10] == b"\nendstream"
-    width, height = re.search(rb"/MediaBox \[0 0 (\S+) (\S+)\]", page).groups()  # type: ignore[union-attr]
+    width, height = re.search(rb"/MediaBox \[0 0 (\S+) (\S+)\]", page).groups()
     assert (float(width), float(height)) == pytest.approx((841.89, 595.28), abs=0.01)
     assert b"/PrintScaling /None" in page
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.drift import Drift, DriftSettings, initial_state, observe
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import Clue, clue
 from tests.fakes.rigs import turned, unlike_rig
 
-Array = frames.Array
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CUBE[i] - CUBE[j]).sum() == 50.0]
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.arm_error import ArmError, estimated_arm_error, motion_by_parameters, pose_equations
 from daemon.calibration.hand_eye import (
     MIN_POSES,
@@ -29,7 +30,6 @@ from tests.fakes.boards import BOARD
 from tests.fakes.chosen import few
 from tests.fakes.rigs import unlike_rig
 
-Array = frames.Array
 TRUE_HAND_EYE = frames.rigid(frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0]))
 WORLD_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([3.1, 0.05, 0.1])), np.array([520.0, 0, -300.0]))
 

@@ -44,9 +44,9 @@ def by_equations(setup: Setup, world_from_tool: Array) -> Array:
     """(12, 12) information about the motions of mounting and rest, by the solver's own equations of that view."""
     carried = world_from_tool if setup.board_in_gripper else frames.inverse(world_from_tool)
     seen = frames.inverse(setup.mounting) @ carried @ setup.rest
-    px = [camera.project(frames.apply(seen, setup.points_mm)) for camera in (setup.rig.left, setup.rig.right)]
+    left, right = (camera.project(frames.apply(seen, setup.points_mm)) for camera in (setup.rig.left, setup.rig.right))
     at = np.concatenate([pose_of(setup.mounting), pose_of(setup.rest), np.zeros(6)])
-    sample = Sample(world_from_tool, setup.points_mm, *px, board_in_gripper=setup.board_in_gripper)
+    sample = Sample(world_from_tool, setup.points_mm, left, right, board_in_gripper=setup.board_in_gripper)
     residuals, jacobian = hand_eye_problem([sample], setup.rig, setup.arm)(at)
     shared, _ = pose_equations(jacobian, residuals, at, [slice(6, None)])[0].without_own(setup.arm)
     back = np.zeros((SHARED, SHARED))
@@ -153,12 +153,12 @@ def test_a_pose_shows_the_whole_board_where_each_corner_is_before_each_camera_an
     poses += [
         pose @ frames.perturb(np.eye(4), np.append(rng.normal(0, 60, 3), rng.normal(0, 0.3, 3))) for pose in poses
     ]
-    cameras = (setup.rig.left, setup.rig.right)[:cameras]
+    looking = (setup.rig.left, setup.rig.right)[:cameras]
     whole = []
     for pose in poses:
         seen = frames.inverse(setup.mounting) @ (pose if held else frames.inverse(pose)) @ setup.rest
         corners = frames.apply(seen, setup.points_mm)
-        px = np.array([camera.project(corners) for camera in cameras])
+        px = np.array([camera.project(corners) for camera in looking])
         inside = (px >= 0.0) & (px < np.array(setup.rig.image_size))
         whole.append(bool(inside.all() and (corners[:, 2] > 0.0).all()))
     assert information(setup, poses)[1].tolist() == whole

@@ -149,7 +149,7 @@ def test_an_import_says_what_it_read_wrote_and_kept(tmp_path: Path, capsys: pyte
     assert ctl.main(imported(tmp_path, str(file), "--size", "640x480")) == 0
     assert capsys.readouterr().out.splitlines() == [f"{file}: read as OpenCV FileStorage", written]
     assert load_calibration(out).quality.method == "imported"
-    save_calibration(Calibration(rig, frames.rigid(np.eye(3), [10.0, 60.0, -90.0])), out)
+    save_calibration(Calibration(rig, frames.rigid(np.eye(3), np.array([10.0, 60.0, -90.0]))), out)
     assert ctl.main(imported(tmp_path, "--opencv", str(file), "--size", "640x480")) == 0
     kept = [path.name for path in tmp_path.glob("c-*.yaml")]
     told = capsys.readouterr().out.splitlines()
@@ -202,7 +202,7 @@ def test_a_hand_eye_that_is_read_says_of_which_frame_and_takes_the_others_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], fixed: bool
 ) -> None:
     rig, out = unlike_rig(), tmp_path / "c.yaml"
-    other = frames.rigid(np.eye(3), [1.0, 2.0, 3.0])
+    other = frames.rigid(np.eye(3), np.array([1.0, 2.0, 3.0]))
     save_calibration(Calibration(rig, *((other, None) if fixed else (None, None))), out)
     pose = {"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "x": 0.010, "y": 0.060, "z": 0.9 if fixed else -0.09}
     (tmp_path / "he.yaml").write_text(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def test_no_ordinary_rig_is_refused(base_mm: float, focal_px: float, turn_rad: f
     assert told(rig(base_mm, turn_rad, (focal_px, focal_px), ((cx, cy), (cx, cy)))) == ""
 
 
-def with_left(**fields: object) -> StereoRig:
+def with_left(**fields: Any) -> StereoRig:
     return replace(rig(), left=replace(rig().left, **fields))
 
 
@@ -51,11 +52,11 @@ def turned_across() -> StereoRig:
     about_z = np.eye(4)
     about_z[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     one = rig()
-    cameras = {
-        name: replace(camera, cyclopean_from_camera=camera.cyclopean_from_camera @ about_z)
-        for name, camera in (("left", one.left), ("right", one.right))
-    }
-    return replace(one, **cameras)
+    left, right = (
+        replace(camera, cyclopean_from_camera=camera.cyclopean_from_camera @ about_z)
+        for camera in (one.left, one.right)
+    )
+    return replace(one, left=left, right=right)
 
 
 def tipped_down() -> StereoRig:

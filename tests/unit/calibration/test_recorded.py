@@ -118,7 +118,7 @@ def test_what_was_found_is_printed_with_its_errors_and_a_baseline_that_changed_i
         assert run(args) == 0
         told = capsys.readouterr().out
         assert ("warning: the baseline is" in told) is warned
-        assert not warned or f"x {1 / factor:.3f} would agree" in told  # type: ignore[operator]
+        assert not warned or f"x {1 / factor:.3f} would agree" in told
         assert ("the old one is c-" in told) is (factor is not None)
     rig, sigmas = result.rig, result.sigmas
     assert "not used: l9.png, r9.png: blurred" in told

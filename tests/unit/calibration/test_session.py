@@ -186,7 +186,7 @@ def test_a_board_held_by_hand_counts_once_a_view_and_what_is_still_missing_is_sa
 ) -> None:
     views = all_kinds()
     blurred = [BoardError("blurred"), BoardError("blurred"), NotSettledError("it moves")]
-    looks = [*blurred, *(look for view in views for look in (view, view))]
+    looks: list[Any] = [*blurred, *(look for view in views for look in (view, view))]
     kept, said = shown_by_hand(monkeypatch, looks)
     assert kept == views
     assert said.count("blurred") == said.count("it moves") == 1
@@ -285,7 +285,7 @@ def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye
 
 
 def planned(count: int, allowed: Callable[[Array], bool], mounting_alone: bool) -> list[Array]:
-    reach = SimpleNamespace(allows=allowed)
+    reach: Any = SimpleNamespace(allows=allowed)
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
     session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, board_in_gripper=False)
     return plan_tour(session, reach, views_of_the_board(1)[0], count, mounting_alone)

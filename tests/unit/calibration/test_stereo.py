@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.board import BoardError, DetectedBoard
 from daemon.calibration.stereo import MIN_SHARED, Pair, StereoError, calibrate_stereo, match_corners
 from tests.fakes.boards import BOARD
 from tests.fakes.rigs import unlike_rig
-
-Array = frames.Array
 
 
 def board_poses(rng: np.random.Generator, count: int) -> list[Array]:

@@ -62,7 +62,7 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
     async def moving() -> None:
         raise OSError("not at rest within 5 s")
 
-    supervisor.mover.cell.robot.wait_until_at_rest = moving  # type: ignore[assignment]
+    supervisor.mover.cell.robot.wait_until_at_rest = moving
     session: Any = SimpleNamespace(
         supervisor=supervisor,
         prepare_to_move=supervisor.mover.wait_until_at_rest,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from typing import Any
 
 import pytest
 
@@ -18,13 +19,17 @@ LEFT, RIGHT = (
 )
 
 
-def two_cameras() -> PretendSystem:
+def machine(*about: Any) -> Any:
+    return PretendSystem(*about)
+
+
+def two_cameras() -> Any:
     devices = {
         "/dev/video0": PretendDevice("Cam"),
         "/dev/video1": PretendDevice("Cam", captures=False),
         "/dev/video2": PretendDevice("Other"),
     }
-    return PretendSystem(devices, {LEFT: "/dev/video0", RIGHT: "/dev/video2"})
+    return machine(devices, {LEFT: "/dev/video0", RIGHT: "/dev/video2"})
 
 
 @pytest.mark.parametrize(
@@ -59,7 +64,7 @@ def test_a_name_that_is_not_there_is_refused_with_what_is() -> None:
     ):
         find("C920", "left", system)
     with pytest.raises(CameraError, match="no video device at all"):
-        find("C920", "left", PretendSystem({}))
+        find("C920", "left", machine({}))
 
 
 def test_a_device_that_fails_while_it_is_listed_is_noted_and_not_taken_for_one_that_offers_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 
 import pytest
@@ -51,7 +52,7 @@ def test_a_signal_that_breaks_off_a_request_does_not_lose_it(monkeypatch: pytest
         if len(calls) == 1:
             raise InterruptedError
 
-    monkeypatch.setattr(node.fcntl, "ioctl", interrupted_once)
+    monkeypatch.setattr(fcntl, "ioctl", interrupted_once)
     opened = node.FileNode(os.devnull)
     try:
         v4l2.stream_on(opened)

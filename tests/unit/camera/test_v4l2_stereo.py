@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,8 @@ def machine(right_late_s: float = 0.004, count: int = 60) -> PretendSystem:
 
 
 def camera(system: PretendSystem, settings: CameraSettings = SETTINGS) -> V4L2StereoCamera:
-    return V4L2StereoCamera(settings, system.clock, system)
+    nodes: Any = system
+    return V4L2StereoCamera(settings, system.clock, nodes)
 
 
 def test_a_pair_is_two_frames_of_one_moment_with_the_kernels_times_and_numbers() -> None:

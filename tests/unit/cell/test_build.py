@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from daemon.cell import build as cell
+from daemon.cell.hardware import Hardware
 from daemon.cell.no_arm import CellError
 from daemon.config import load_config
 
@@ -21,7 +22,7 @@ ETC = Path(__file__).resolve().parents[3] / "etc"
 FILES = "files: {{calibration: {0}/calibration.yaml, facets: {0}/facets.yaml, parts: {0}/parts.yaml}}\n"
 
 
-def hardware(folder: Path, config: str) -> cell.Hardware:
+def hardware(folder: Path, config: str) -> Hardware:
     (folder / "facetd.yaml").write_text("version: 1\n" + FILES.format(ETC) + config)
     return cell.build(load_config(folder / "facetd.yaml"), lambda _: None)
 

@@ -429,7 +429,8 @@ def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(lengths_mm: tup
     """Every joint as far to both sides as the steps come to, in poses as they are asked for, a hand of 20 cm."""
     hand = np.eye(4)
     hand[2, 3] = 200.0
-    geometry, rng, worst_mm = ArmGeometry(*lengths_mm, flange_from_tool=hand), np.random.default_rng(0), 0.0
+    a2, a3, d3, d4 = lengths_mm
+    geometry, rng, worst_mm = ArmGeometry(a2, a3, d3, d4, flange_from_tool=hand), np.random.default_rng(0), 0.0
     farthest = np.radians(STEP_DEG * np.abs(np.cumsum(ROUNDS)).max())
     for _ in range(400):
         bent = rng.uniform(30.0, 90.0)
@@ -545,7 +546,8 @@ def test_a_stop_is_typed_also_on_a_port_that_somebody_changed_just_then() -> Non
 
         def close(self) -> None: ...
 
-    line = ContactLine("port", lambda *_: Changed(), lambda: 0.0, lambda _: None)  # type: ignore[arg-type, return-value]
+    opens: Any = lambda *_: Changed()  # noqa: E731
+    line = ContactLine("port", opens, lambda: 0.0, lambda _: None)
     line.open(9600)
     line.send_stop(b"ABORT\r")
     assert written == [b"ABORT\r"] * 2

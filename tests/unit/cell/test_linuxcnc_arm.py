@@ -224,7 +224,7 @@ def test_a_block_that_went_wrong_is_told_in_linuxcnc_s_words() -> None:
                 return "SET MDI ACK"
             return asked(line)
 
-        there.answer = answer  # type: ignore[method-assign]
+        there.answer = answer
         with pytest.raises(CellError, match="joint 1's positive limit") as raised:
             await moved(arm, target, straight=False)
         assert "an old one" not in str(raised.value)
@@ -258,7 +258,7 @@ def test_an_arm_that_moves_as_the_line_is_opened_is_stopped() -> None:
                 there.state["program_status"] = "IDLE"
             return asked(line)
 
-        there.answer = answer  # type: ignore[method-assign]
+        there.answer = answer
         await arm.open()
         assert arm.stopped_on_opening
         assert "set abort" in there.heard
@@ -277,7 +277,7 @@ def test_what_is_asked_is_asked_again_where_the_shell_mixed_it_up(wrong: int) ->
             left[0] -= 1
             return ("JOINT_POS NAK", "MODE MDI")[left[0] % 2]
 
-        there.answer = answer  # type: ignore[method-assign]
+        there.answer = answer
         if wrong < 3:
             assert np.degrees((await arm.where()).joints_rad) == pytest.approx(ZEROS_DEG)
         else:

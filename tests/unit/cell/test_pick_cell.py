@@ -14,9 +14,9 @@ import yaml
 from daemon.arm import ARM
 from daemon.calibration.file import Quality, load_calibration
 from daemon.calibration.session import SPREAD_LIMIT_MM
-from daemon.cell.pick_cell import doubt_of, guarded, pick_cell
+from daemon.cell.pick_cell import doubt_of, pick_cell
 from daemon.cell.puma_arm import PumaArm
-from daemon.cell.sections import arm_geometry
+from daemon.cell.sections import arm_geometry, guarded
 from daemon.config import load_config
 from daemon.pick.pose_fusion import Doubt
 from drivers.puma560 import PUMA560, ArmGeometry

@@ -64,10 +64,10 @@ def test_cameras_and_hand_eye_stay_on_the_wrist_as_grippers_change(path: Path) -
     cup = with_the_cup(path)
     before, after = (sections.calibration_in_use(config) for config in (fingers, cup))
     assert np.array_equal(before.tool_from_cyclopean, load_calibration(fingers.calibration).tool_from_cyclopean)
-    flange = [
+    one, other = (
         np.array(c.values.arm.flange_from_tool) @ k.tool_from_cyclopean for c, k in ((fingers, before), (cup, after))
-    ]
-    assert np.allclose(*flange, atol=1e-9)
+    )
+    assert np.allclose(one, other, atol=1e-9)
     guard = sections.guarded(cup, PumaArm(sections.arm_geometry(cup)))
     named = {capsule.name: capsule for capsule in guard.capsules}
     assert "left finger" not in named

@@ -89,7 +89,7 @@ def test_a_stop_that_a_question_of_a_first_contact_comes_amid_or_behind_is_heard
         wants_stop = asyncio.Event()
         os.write(master, begun)
         asyncio.get_running_loop().call_later(0.1, os.write, master, ended)
-        await asyncio.wait_for(ask_person(Consult("move", "May I?"), wants_stop), 10.0)  # type: ignore[arg-type]
+        await asyncio.wait_for(ask_person(Consult("move", "May I?"), wants_stop), 10.0)
         return wants_stop.is_set()
 
     with open(slave, encoding="utf-8") as stdin:

@@ -6,6 +6,7 @@ import json
 import shutil
 import socket
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -130,7 +131,7 @@ class Steady:
 
 
 def test_the_listing_measures_rate_skew_and_age() -> None:
-    camera = Steady()
+    camera: Any = Steady()
     measured = measure(camera, 1.0, camera.clock)
     assert measured["rate_hz"] == pytest.approx(10.0, rel=0.05)
     assert measured["skew_ms"] == pytest.approx(3.0)

@@ -16,6 +16,7 @@ from daemon.cli.commission_steps import (
     go_to_survey,
 )
 from daemon.commands.controller_terminal import CAL
+from daemon.frontends.client import DaemonLink
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -33,12 +34,14 @@ SAYS = {
 }
 
 
-class ToldLink:
+class ToldLink(DaemonLink):
     """A daemon as far as commissioning knows one. fails: what it does not do, and what it says then."""
 
     def __init__(self, **fails: str) -> None:
         self.fails = {command.replace("_", " "): text for command, text in fails.items()}
-        self.said, self.calibration, self.model, self.fault, self.paused = [], 0, None, None, False
+        self.said, self.calibration, self.paused = list[str](), 0, False
+        self.model: int | None = None
+        self.fault: str | None = None
 
     def do(self, text, frontend, say, ask=None):
         if text == "status":

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.cell.hardware import EXPECTED_ERRORS, CellError
+from daemon.cell.hardware import EXPECTED_ERRORS
+from daemon.cell.no_arm import CellError
 from daemon.cli.preview import Preview, Shot
 
 

@@ -36,7 +36,7 @@ def context(tmp_path: Path) -> Any:
     async def reload(who: str | None, change: Any = None) -> str:
         put_back = await change()
         try:
-            return await context.taking_over()
+            return await made.taking_over()
         except FacetdError:
             put_back()
             raise
@@ -44,10 +44,10 @@ def context(tmp_path: Path) -> Any:
     async def taken_over() -> str:
         return "Taken over."
 
-    context = fake_context(tmp_path, reload)
-    context.taking_over = taken_over
-    context.config.calibrations = Calibrations(tmp_path, "real", ETC / "calibration.yaml")
-    return context
+    made = fake_context(tmp_path, reload)
+    made.taking_over = taken_over
+    made.config.calibrations = Calibrations(tmp_path, "real", ETC / "calibration.yaml")
+    return made
 
 
 def say(context: Any, text: str, frontend: FakeFrontend | None = None) -> CommandResult:

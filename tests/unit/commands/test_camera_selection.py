@@ -80,7 +80,7 @@ def test_nobody_looks_while_the_cameras_are_changed_and_a_stop_leaves_them_as_th
             await change(alone)
             await asyncio.sleep(2.0)
 
-        here.context.hardware.cameras.use = slowly  # type: ignore[method-assign]
+        here.context.hardware.cameras.use = slowly
         changing = asyncio.create_task(here.context.look_with("left", "a test"))
         await asyncio.sleep(0.1)
         with pytest.raises(RefusedError, match="busy: change cameras"):
@@ -140,7 +140,7 @@ def test_a_yes_to_teach_a_new_part_moves_no_camera_where_the_arm_was_stopped_sin
             await here.cycle.supervisor.abort()
             return frontend.answers.pop(0)
 
-        frontend.ask = asked  # type: ignore[method-assign]
+        frontend.ask = asked
         with (
             operator_command("teach", here.cycle.supervisor.stops),
             pytest.raises(RefusedError, match="type `teach` again"),
@@ -248,11 +248,11 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
     async def story(here: Hours) -> None:
         begun: list[Any] = []
 
-        async def begin_auto(*order: Any) -> None:
-            begun.append(order)
+        async def begin_auto(pick_order: PickOrder = ALL) -> None:
+            begun.append(pick_order)
 
         context = here.context
-        context.begin_auto = begin_auto  # type: ignore[method-assign]
+        context.begin_auto = begin_auto
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
         if blocked_by == "disabled":
@@ -270,7 +270,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
             here.cycle.supervisor.hold.pause() if blocked_by == "paused" else here.cycle.auto_off()
         await going
         assert here.cycle.supervisor.hold.paused is (blocked_by == "paused")
-        assert begun == ([] if blocked_by else [(PickOrder(3, None),)])
+        assert begun == ([] if blocked_by else [PickOrder(3, None)])
         assert (here.cycle.supervisor.permission.fault is None) == (blocked_by is None)
 
     lived(story)
@@ -280,14 +280,14 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_camer
     async def story(here: Hours) -> None:
         begun: list[Any] = []
 
-        async def stopped_meanwhile(*_: Any) -> None:
+        async def stopped_meanwhile(alone: CameraName | None, why: str) -> None:
             await here.cycle.supervisor.stop()
 
-        async def begin_auto(*order: Any) -> None:
-            begun.append(order)
+        async def begin_auto(pick_order: PickOrder = ALL) -> None:
+            begun.append(pick_order)
 
-        here.context.look_with = stopped_meanwhile  # type: ignore[method-assign]
-        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.context.look_with = stopped_meanwhile
+        here.context.begin_auto = begin_auto
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
         await CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
@@ -305,10 +305,10 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resume
     async def story(here: Hours) -> None:
         begun: list[Any] = []
 
-        async def begin_auto(*order: Any) -> None:
-            begun.append(order)
+        async def begin_auto(pick_order: PickOrder = ALL) -> None:
+            begun.append(pick_order)
 
-        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.context.begin_auto = begin_auto
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
         going = CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()

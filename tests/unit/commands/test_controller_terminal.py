@@ -50,15 +50,8 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
 
 
-class Shown(FakeFrontend):
-    """A frontend that keeps what it was shown."""
-
-    def show(self, data: bytes) -> None:
-        self.said.append(data.decode("latin-1"))
-
-
-def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, Shown]:
-    sent, frontend = bytearray(), Shown()
+def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, FakeFrontend]:
+    sent, frontend = bytearray(), FakeFrontend()
     context.hardware.clock = count(0.0, apart_s).__next__
     typist = Typist(context, context.hardware.robot.controller, frontend)
     for some in keys:
@@ -126,7 +119,7 @@ def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_s
 
 def test_who_leaves_sees_that_at_once_and_not_only_when_the_arm_is_at_rest() -> None:
     """Nothing was shown for as long as that took."""
-    context, frontend, said = standing(), Shown(answers=["y"]), list[list[str]]()
+    context, frontend, said = standing(), FakeFrontend(answers=["y"]), list[list[str]]()
 
     async def at_once(typed: Any) -> None:
         typed(b"WHERE\r")
@@ -137,7 +130,7 @@ def test_who_leaves_sees_that_at_once_and_not_only_when_the_arm_is_at_rest() -> 
         said.append(frontend.said[-1:])
         tell("ended")
 
-    frontend.terminal = at_once  # type: ignore[attr-defined]
+    frontend.terminal = at_once
     robot = context.hardware.robot
     robot.connected, robot.controller.question, robot.controller.terminal = True, None, terminal
     told = asyncio.run(monitor(context, frontend))
@@ -174,7 +167,7 @@ def test_a_line_that_may_move_the_arm_is_sent_after_a_yes_to_the_question_that_w
 def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(meanwhile: str) -> None:
     context = standing()
     supervisor = context.cycle.supervisor
-    sent, frontend = bytearray(), Shown()
+    sent, frontend = bytearray(), FakeFrontend()
     typist = Typist(context, context.hardware.robot.controller, frontend)
     typist.typed(b"DO READY\r", sent.extend)
     if meanwhile == "pause":
@@ -272,7 +265,7 @@ def test_whichever_keys_the_controller_does_not_know_it_reads_no_line_that_could
 
 def asked_by_cal(context: Any) -> tuple[Typist, bytearray]:
     """A terminal at which CAL was typed and agreed to, so that the controller asks; and what was sent to it."""
-    typist, sent = Typist(context, context.hardware.robot.controller, Shown()), bytearray()
+    typist, sent = Typist(context, context.hardware.robot.controller, FakeFrontend()), bytearray()
     for keys in (b"CAL\r", b"y"):
         typist.typed(keys, sent.extend)
     return typist, sent

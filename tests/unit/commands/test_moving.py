@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from daemon.arm import JobEvent
 from daemon.commands.moving import describe_end, end_json
-from daemon.pick.outcome import CycleEnd, Outcome
+from daemon.events.outcomes import Outcome
+from daemon.pick.outcome import CycleEnd
 
 
 def end(outcome: Outcome, label: str | None, why: str, stops: int) -> CycleEnd:

@@ -79,6 +79,6 @@ def test_status_lists_what_the_last_pick_left_alone(tmp_path: Path) -> None:
 def test_status_says_what_a_pick_is_at_in_words(tmp_path: Path) -> None:
     context = fake_context(tmp_path)
     status = context.cycle.status()
-    context.cycle.status = lambda: status | {"doing": "pick", "state": "stop_n"}  # type: ignore[method-assign]
+    context.cycle.status = lambda: status | {"doing": "pick", "state": "stop_n"}
     answer = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend()))
     assert "doing     pick (approach)" in answer.text

@@ -30,6 +30,8 @@ class Robot:
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         self.typed.append(list(numbers))
 
+    work_valves = set_outputs
+
     async def ask_input(self, text: str) -> str:
         if not text.startswith("DO TYPE"):
             return "always the same"

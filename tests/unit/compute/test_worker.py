@@ -160,7 +160,7 @@ def test_a_value_by_reference_is_sent_once_and_let_go_of_when_the_daemon_does() 
         outer = Big(np.zeros(3, np.uint8), inner)
         assert await worker(calculations.same, outer, [inner]) == (outer, [inner])
         assert await worker(calculations.same_inside, outer, inner), "one value is one there as well"
-        sent = worker._process._held  # type: ignore[union-attr]
+        sent = worker._process._held
         assert len(sent) == 2
         del outer
         gc.collect()

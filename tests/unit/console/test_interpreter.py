@@ -336,7 +336,7 @@ def test_a_name_that_only_a_commands_second_word_offers_is_a_name_and_a_list_tha
         """Of kits."""
         return CommandResult("")
 
-    console = Interpreter(None, [kit])  # type: ignore[arg-type]
+    console = Interpreter(None, [kit])
     assert not console.means_stop("kit show doorstop")
     assert console.means_stop("kit show hostop")
     assert console.means_stop("kit drop doorstop")

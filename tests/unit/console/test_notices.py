@@ -272,6 +272,8 @@ def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() ->
 
 def test_a_frontend_that_fails_keeps_no_other_from_hearing() -> None:
     class Broken:
+        asks = False
+
         def notice(self, text: str) -> None:
             raise OSError("gone")
 

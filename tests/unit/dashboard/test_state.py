@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from daemon.dashboard.state import LOOKS, DashboardState
 from tests.fakes.made_run import MadeRun
@@ -33,7 +34,8 @@ def test_it_keeps_few_and_takes_any_record(tmp_path: Path) -> None:
     for _ in range(30):
         made.pick()
     now = DashboardState()
-    for record in [*records(made.close()), {"kind": "look"}, {"kind": "estimate"}, {"kind": "cycle_end"}, {}]:
+    spoilt: list[dict[str, Any]] = [{"kind": "look"}, {"kind": "estimate"}, {"kind": "cycle_end"}, {}]
+    for record in [*records(made.close()), *spoilt]:
         now.recorded(record)
     told = now.json()
     assert (len(told["picks"]), len(told["lines"]), len(now.pictures)) == (20, 40, LOOKS)

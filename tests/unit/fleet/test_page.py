@@ -35,7 +35,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     turns = {f"{axis}_deg": 0.01 for axis in ("pitch", "roll", "vergence")}
     turns |= {f"{axis}_sigma_deg": 0.02 for axis in ("pitch", "roll", "vergence")}
     look = made.look
-    made.look = lambda *args, **more: look(*args, **(cameras | turns | more))  # type: ignore[method-assign]
+    made.look = lambda *args, **more: look(*args, **(cameras | turns | more))
     for label in ("cube", "pyramid", "pentagonal_prism"):
         made.pick(label=label)
     made.close()

@@ -31,7 +31,7 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Store:
     made = MadeRun(folder / "20260102T030405Z")
     cameras = {"darkness_left": 200.0, "darkness_right": 190.0, "pitch_deg": 0.01, "pitch_sigma_deg": 0.02}
     look = made.look
-    made.look = lambda *args, **more: look(*args, **(cameras | more))  # type: ignore[method-assign]
+    made.look = lambda *args, **more: look(*args, **(cameras | more))
     for label in ("cube", "pyramid", "pentagonal_prism"):
         made.pick(label=label)
     made.cycle += 1

@@ -77,7 +77,7 @@ def test_the_light_of_a_look_is_that_of_its_darker_camera(left: float | None, ri
 def test_the_same_results_in_another_grouping_come_to_the_same() -> None:
     rng = np.random.default_rng(1)
     names = ["cube", "pyramid", "unknown"]
-    looks = [look(k, tuple(rng.choice(names, 3))) for k in range(40)]  # type: ignore[arg-type]
+    looks = [look(k, tuple(rng.choice(names, 3))) for k in range(40)]
     whole = summed([("north", result(*looks))])
     pieces = summed([("north", result(*looks[k : k + 7])) for k in range(0, 40, 7)])
     assert whole == pieces

@@ -307,7 +307,7 @@ def test_a_daemon_that_waits_for_the_controller_is_waited_for_and_one_that_then_
         return link.do("stop", "here", said.append) if by == "a word" else link.interrupt(said.append)
 
     said, asked = list[str](), "stop" if by == "a word" else "interrupt"
-    signs = [{"stopping": True}, {"say": "waiting"}, *[{"stopping": True}] * 4]
+    signs: list[Any] = [{"stopping": True}, {"say": "waiting"}, *[{"stopping": True}] * 4]
     hung.answers[asked] = [*signs, {"stopped": "at rest"} if by == "control-C" else DONE]
     passed: list[float] = []  # the client's clock: a quarter of its patience before each sign
     hung.before_each = lambda: passed.append(client.STOP_ANSWER_S / 4)

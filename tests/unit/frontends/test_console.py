@@ -455,7 +455,7 @@ def test_keys_that_another_reads_one_by_one_or_in_front_of_us_are_left_to_it(mon
         may_read = keyboard.may_read_lines
         monkeypatch.setattr(keyboard, "may_read_lines", lambda handle: seen.append(may_read(handle)) or seen[-1])
         with InputLines(nobody_stops, print), monkeypatch.context() as shell:
-            shell.setattr(keyboard.os, "tcgetpgrp", lambda _: -1)
+            shell.setattr(os, "tcgetpgrp", lambda _: -1)
             os.write(master, b"stop\n")
             until(lambda: len(seen) >= 3)
             assert os.read(slave, 9) == b"stop\n"

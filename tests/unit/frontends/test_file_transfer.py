@@ -15,9 +15,9 @@ import pytest
 
 from daemon.config import ConsoleSettings
 from daemon.console.interpreter import CommandResult, ConsoleCommand, Frontend, Interpreter
-from daemon.frontends.client import DaemonLink
+from daemon.frontends.client import LONGEST_FILE, DaemonLink
 from daemon.frontends.rights import Rights
-from daemon.frontends.socket_server import LONGEST_FILE, SocketServer
+from daemon.frontends.socket_server import SocketServer
 from tests.fakes.fake_context import fake_context
 from tests.fakes.waiting import PATIENCE_S
 

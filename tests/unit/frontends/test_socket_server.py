@@ -1067,7 +1067,7 @@ def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
     done = []
 
     async def stop(*_: object) -> str:
-        for _ in range(5):
+        for _turn in range(5):
             await asyncio.sleep(0)
         done.append("the stop")
         return "Stopped."

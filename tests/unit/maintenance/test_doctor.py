@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import pwd
 import shutil
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from typing import Any
 import pytest
 
 from daemon.config import Config, load_config
-from daemon.maintenance import doctor
 from daemon.maintenance.doctor import CheckResult, examine, from_service, mend_of
 from tests.fakes.daemon_process import write_own_calibration
 
@@ -131,7 +131,7 @@ def test_a_clock_that_stands_before_the_newest_run_cannot_be_right(tmp_path: Pat
 
 def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = configured(tmp_path, "cell: simulated\n")
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
     (found,) = of(examine(config, running=False), "disk")
     assert (found.level, found.found.startswith("1 MB free in")) == ("bad", True)
     assert "removes only old runs" in found.mend
@@ -142,8 +142,8 @@ def test_a_folder_of_the_daemons_is_in_order_also_where_an_operator_asks_who_may
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: str, level: str
 ) -> None:
     config = configured(tmp_path, "cell: simulated\n")
-    monkeypatch.setattr(doctor.os, "access", lambda *_: False)
-    monkeypatch.setattr(doctor.pwd, "getpwuid", lambda _: SimpleNamespace(pw_name=owner))
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(pwd, "getpwuid", lambda _: SimpleNamespace(pw_name=owner))
     (found,) = of(examine(config, running=False), "disk")
     assert found.level == level
 
@@ -230,7 +230,7 @@ def test_runs_on_a_disk_of_their_own_are_told_by_that_disk(tmp_path: Path, monke
     values = replace(config.values, folders=replace(config.values.folders, runs=str(other)))
     config = replace(config, values=values)
     free = {tmp_path: 9_000_000_000, other: 3_000_000_000}
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda folder: SimpleNamespace(free=free[folder]))
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=free[folder]))
     (found,) = of(examine(config, running=False), "disk")
     assert (found.level, found.found.split(",")[0]) == ("good", "3000 MB free")
     free[other] = 1_000_000

@@ -98,6 +98,7 @@ def watching(folder: Path, play: Callable[[WatchedCell, Watchdog], Awaitable[Non
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         now = runner.get_loop().time
+        watched: WatchedCell
         clock = lambda: 1.8e9 + now() + watched.set_by_s  # noqa: E731
         with patch.object(time, "monotonic", now), patch.object(time, "time", clock):
             watched = WatchedCell(folder)
@@ -144,7 +145,7 @@ def test_what_comes_unasked_on_the_controllers_line_is_read_at_once_and_not_at_t
             asked.append(time.monotonic())
             watched.controller.heard_unasked = False  # type: ignore[attr-defined]
 
-        watched.check = check  # type: ignore[method-assign]
+        watched.check = check
         await asyncio.sleep(0.7)
         assert not asked
         if trouble:
@@ -176,10 +177,10 @@ def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_si
         watched.context.config.values.health.camera_silence_s = 1.6
         began = time.monotonic()
 
-        async def grab(*_: float) -> None:
+        async def grab(not_before_s: float, timeout_s: float) -> Any:
             asked.append(time.monotonic() - began)
 
-        watched.grab = grab  # type: ignore[method-assign]
+        watched.grab = grab
         await asyncio.sleep(1.3)
 
     watching(tmp_path, play)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from daemon import frames
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
-from daemon.pick import approach, take
+from daemon.pick import approach, pose_fusion, take
 from daemon.pick.transitions import PickEvent, PickState
+from daemon.pick.two_fingers import FingerGrasp
 from daemon.pick.world import SuspectError
 from daemon.vision.model import Axis
 from tests.fakes.fake_cell import one_part
@@ -150,7 +152,7 @@ def test_a_round_part_of_unknown_turn_is_taken_where_its_turn_does_not_matter(
     """about: the axis, world, about which its place allows any turn."""
     context, world = begun(one_part())
     brought_to(PickState.ESTIMATING, context, world)
-    plan, fused = world.the_target().plan, approach.pose_fusion.fuse
+    plan, fused = world.the_target().plan, pose_fusion.fuse
 
     def unturned(sightings, doubt):
         estimate = fused([replace(one, covariance=1e-4 * np.eye(6)) for one in sightings], doubt)
@@ -158,9 +160,10 @@ def test_a_round_part_of_unknown_turn_is_taken_where_its_turn_does_not_matter(
 
     turn = world.the_target().world_from_part[:3, :3]
     axis = None if about is None else Axis(np.zeros(3), turn.T @ about)
-    way = SimpleNamespace(goal=SimpleNamespace(axis=axis)) if at_place else None
+    way: Any = SimpleNamespace(goal=SimpleNamespace(axis=axis)) if at_place else None
+    assert isinstance(plan.grasp, FingerGrasp)
     found = replace(plan, grasp=replace(plan.grasp, rounded=rounded), way=way)
-    monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)
+    monkeypatch.setattr(pose_fusion, "fuse", unturned)
     monkeypatch.setattr(approach, "same_grasp", lambda *_: found)
     assert step(context, world, PickState.ESTIMATING) is event
 

@@ -14,7 +14,7 @@ from daemon.pick import find
 from daemon.pick.settings import Settings
 from daemon.vision.values import Cause, Polygon, Recognition, Rejected
 from drivers.simcell import parts
-from tests.fakes.fake_cell import World, build, cycle_of, one_part
+from tests.fakes.fake_cell import ON_HAND, World, cycle_of, one_part
 from tests.fakes.waiting import until_so
 
 
@@ -299,7 +299,7 @@ def test_a_hand_eye_calibration_that_is_no_longer_so_stops_the_cycle_and_is_name
     def knock(name):
         if name == "grab" and len(world.said("estimate")) == 1:
             twist = np.array([4.0, 3.0, 0, 0, 0, 0.0])
-            world.tool_from_cyclopean = frames.perturb(build(world).mounting.tool_from_cyclopean, twist)
+            world.tool_from_cyclopean = frames.perturb(ON_HAND.tool_from_cyclopean, twist)
 
     world.before = knock
     cycle, end = picked(world, "cube")
@@ -409,7 +409,7 @@ def test_a_look_that_is_asked_for_is_lit_too():
 def test_the_way_down_to_a_place_from_over_it_is_a_straight_and_slow_one():
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
-    over, down = (frames.rigid(np.diag([-1.0, 1.0, -1.0]), [500.0, 20.0, z]) for z in (-226.0, -284.0))
+    over, down = (frames.rigid(np.diag([-1.0, 1.0, -1.0]), np.array([500.0, 20.0, z])) for z in (-226.0, -284.0))
     with pytest.raises(
         MoveRefusedError, match=r"what may be in the gripper would come to -\d+\.. mm above.*`holding no`"
     ):

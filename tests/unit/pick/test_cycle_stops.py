@@ -2,6 +2,8 @@
 
 import asyncio
 import re
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from daemon.events.codes import CauseCode, FaultCause
 from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from daemon.pick.transitions import PickState
-from tests.fakes.fake_cell import World, cycle_of, one_part
+from tests.fakes.fake_cell import World, cameras_of, cycle_of, one_part
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so
 
@@ -203,7 +205,7 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
     cycle = cycle_of(world)
 
     async def story():
-        world.before = lambda name: name == "moving" and cycle.supervisor.hold.pause()
+        world.before = lambda name: cycle.supervisor.hold.pause() if name == "moving" else None
         task = asyncio.create_task(cycle.pick())
         await until_so(lambda: cycle.state == "paused")
         world.before, sent = lambda _: None, len(world.wire)
@@ -276,7 +278,7 @@ def test_a_move_that_nobody_confirms_while_its_look_is_valid_is_asked_about_agai
             if "its look is valid for" in waiting.text and len(late) < 4:
                 late.append(waiting.text)
                 world.now_s += 20.0
-                await until_so(lambda before=waiting: hold.waiting is not before)
+                await until_so(partial(lambda before: hold.waiting is not before, waiting))
                 assert waiting.expired
             else:
                 hold.confirm()
@@ -481,7 +483,7 @@ def test_an_unknown_place_is_refused_with_the_places_there_are():
 def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.cell.cameras.shaking = 3
+    cameras_of(cycle.cell).shaking = 3
     look = lived(cycle.look())
     assert look.taken.settled_s > 0.05
     said = world.said("look")[0]
@@ -493,7 +495,7 @@ def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
 def test_images_that_never_agree_are_told_and_are_no_look():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.cell.cameras.shaking = 10_000
+    cameras_of(cycle.cell).shaking = 10_000
     with pytest.raises(Exception, match="still change"):
         lived(cycle.look())
     assert not world.said("look")
@@ -521,7 +523,8 @@ def test_nothing_is_reckoned_from_a_single_where(job):
         return await where()
 
     cycle.cell.robot.where = one_where
-    lived({"look": cycle.look, "go": lambda: cycle.go("home"), "pick": cycle.pick}[job]())
+    jobs: dict[str, Any] = {"look": cycle.look, "go": lambda: cycle.go("home"), "pick": cycle.pick}
+    lived(jobs[job]())
     assert cycle.status()["fault"] is None
 
 
@@ -592,7 +595,12 @@ def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_furthe
             assert not cycle.supervisor.permission.stopping
 
         acting = []
-        world.before = lambda name: name == "moving" and not acting and acting.append(asyncio.create_task(end_it()))
+
+        def act_once(name):
+            if name == "moving" and not acting:
+                acting.append(asyncio.create_task(end_it()))
+
+        world.before = act_once
         (end,) = await cycle.auto(PickOrder(every_s=3600.0))
         await asyncio.gather(*acting)
         return end
@@ -621,7 +629,7 @@ def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(pur
             await asyncio.sleep(0.05)
             assert (len(world.wire), world.wire[-1][0]) == (told, "move")
             cycle.supervisor.resume()
-            await until_so(lambda before=told: len(world.wire) != before)
+            await until_so(partial(lambda before: len(world.wire) != before, told))
         return await picking
 
     assert lived(asyncio.wait_for(story(), 60.0)).outcome == "picked"

@@ -29,7 +29,7 @@ def test_the_end_of_a_pick_is_what_its_records_say() -> None:
     assert 0.0 < end.seconds <= world.now_s - before_s
     (grasp,) = [move["target"] for move in world.said("move") if move["purpose"] == "grasp"]
     np.testing.assert_array_equal(end.grasp, grasp)
-    corners = cycle.recogniser.shape("cube").corners_mm  # type: ignore[union-attr]
+    corners = cycle.recogniser.shape("cube").corners_mm
     assert end.corners is not None
     assert np.abs(end.corners - frames.apply(lay, corners)).max() < 5.0
     assert (end.brought, end.place, end.skipped) == (True, None, ())

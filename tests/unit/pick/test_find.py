@@ -14,7 +14,7 @@ from daemon.events.codes import CauseCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import find
 from daemon.pick.find import MOST_OLD
-from daemon.pick.outcome import PickResult
+from daemon.pick.outcome import PickResult, Skipped
 from daemon.pick.planning.plan import NoPlan
 from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
@@ -57,7 +57,7 @@ def test_a_table_from_which_parts_were_skipped_is_looked_at_from_every_survey_an
     one, two, last = Settings().surveys[:3]
     settings = replace(Settings(), surveys=(one, two), last_surveys=(last,))
     context, world = begun(fake, settings)
-    world.skipped.append(PickResult(Outcome.UNREACHABLE, "too far", "cube"))
+    world.skipped.append(Skipped("cube", np.array([500.0, 0.0, -300.0]), Outcome.UNREACHABLE, "too far"))
     assert step(context, world, PickState.SURVEY) is PickEvent.NOTHING
     looks = [(look["purpose"], look["stop"]) for look in fake.said("look")]
     assert looks == [("survey 1", 0), ("survey 2", 0)]
@@ -224,9 +224,9 @@ def test_a_part_goes_to_a_place_where_nothing_shows_and_not_where_it_lies_alread
     others = [] if other_off is None else [lies_at(goal, *other_off)]
     table = SimpleNamespace(has=lambda _: True, free=lambda *_: [goal], taken=list, goals={"nest": goal}, unusable={},
                             places=SimpleNamespace(of=lambda _: [goal.place]))  # fmt: skip
-    context = SimpleNamespace(placing=table, order=SimpleNamespace(place=lambda _: None))
-    world = SimpleNamespace(found=[part, *others])
-    found = find.destination_of(context, world, part)
+    context: Any = SimpleNamespace(placing=table, order=SimpleNamespace(place=lambda _: None))
+    world: Any = SimpleNamespace(found=[part, *others])
+    found: Any = find.destination_of(context, world, part)
     assert found == told if told else list(found.goals) == [goal]
     table.free = lambda *_: []
     assert find.destination_of(context, world, part) == "none of its places is free"
@@ -240,7 +240,8 @@ def test_a_part_goes_to_a_place_where_nothing_shows_and_not_where_it_lies_alread
 
 
 def test_what_is_found_is_told_by_name_in_order_and_what_has_none_last():
-    cube, pyramid, nameless = (SimpleNamespace(named=label != "", label=label) for label in ("cube", "pyramid", ""))
+    parts: Any = (SimpleNamespace(named=label != "", label=label) for label in ("cube", "pyramid", ""))
+    cube, pyramid, nameless = parts
     assert find.in_all([nameless, pyramid, cube, pyramid]) == "1 cube, 2 pyramid, 1 without a name"
     assert find.in_all([cube]) == "1 cube"
     assert find.in_all([]) == "nothing"
@@ -249,8 +250,9 @@ def test_what_is_found_is_told_by_name_in_order_and_what_has_none_last():
 def test_what_has_no_name_is_looked_at_again_as_often_as_is_set_and_the_least_known_first():
     one, two = (SimpleNamespace(named=False, label="", centre=np.array([x, 0.0, -280.0])) for x in (400.0, 600.0))
     named = SimpleNamespace(named=True, label="cube", centre=np.array([500.0, 100.0, -280.0]))
-    context = SimpleNamespace(settings=replace(Settings(), views_of_doubtful=2))
-    world = SimpleNamespace(left=lambda _: [named, one, two], looked_again=[])
+    context: Any = SimpleNamespace(settings=replace(Settings(), views_of_doubtful=2))
+    world: Any = SimpleNamespace(left=lambda _: [named, one, two], looked_again=[])
     for expected in (one, two, one, two, None):
-        assert find.least_known(context, world) is expected
+        least: Any = find.least_known(context, world)
+        assert least is expected
         world.looked_again += [] if expected is None else [expected.centre]

@@ -80,7 +80,7 @@ def test_what_needs_looks_from_several_sides_is_refused_in_a_line(job: str) -> N
     world, cycle = cell()
     jobs: Any = {
         "look_around": lambda: cycle.look_around(3),
-        "walk_round": lambda: cycle.walk_round(cycle.recogniser, 6, print),  # type: ignore[arg-type]
+        "walk_round": lambda: cycle.walk_round(cycle.recogniser, 6, print),
     }
     with pytest.raises(RefusedError, match="needs cameras on the gripper; the fixed cameras see"):
         asyncio.run(jobs[job]())

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import HeldPart, OnHand, Reading
+from daemon.arm.workcell import CameraName
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick import following, moved_pair
+from daemon.pick import following, moved_pair, pose_fusion
 from daemon.pick.following import (
     CameraMount,
     came_back_empty,
@@ -33,6 +34,7 @@ from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact, moved_rig
 from daemon.vision.refine import Fit
+from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
@@ -64,7 +66,7 @@ def over_a_table(
     believed = load_calibration(CONFIG.calibration)
     upright = rigid(turn([0, 0, 1], np.radians(turned_deg)) @ turn([1, 0, 0], np.pi), [470.0, 0.0, height_mm])
     with SimulatedCell(ETC / "simcell.yaml", **looks) as cell:
-        cell.world_from_tool = lambda real_s=None: upright  # type: ignore[method-assign]
+        cell.world_from_tool = lambda real_s=None: upright
         if holds_cube:
             cell.world.scatter(["pyramid"], np.random.default_rng(0))
             cell.world.put("cube", IN_THE_HAND, PartPlace.HAND)
@@ -117,7 +119,7 @@ def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A small part whose edges the fingers' drew to themselves 6 mm off counted as missed."""
-    mount: Any = CameraMount(None, OnHand(np.eye(4)))  # type: ignore[arg-type]
+    mount: Any = CameraMount(None, OnHand(np.eye(4)))
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
     target: Any = SimpleNamespace(
         label="cube", shape=shape_of("cube"), tool_from_part=np.eye(4),
@@ -210,7 +212,7 @@ def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_o
     """Each look has one part in one place; its facets stand for what the fit to them gives."""
     monkeypatch.setattr(following, "fit_to_facets", lambda shape, facets, *_, **__: facets)
     monkeypatch.setattr(following, "sighted", lambda look, fit, *_: len(fit))
-    monkeypatch.setattr(following.pose_fusion, "disagreement", lambda first, second, _: first + second)
+    monkeypatch.setattr(pose_fusion, "disagreement", lambda first, second, _: first + second)
 
     def part(facets: Any, x_mm: float) -> Any:
         look = SimpleNamespace(world_from_cyclopean=np.eye(4))
@@ -245,7 +247,7 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
         plan=SimpleNamespace(grasp=SimpleNamespace(world_from_tool=np.eye(4))),
     )  # fmt: skip
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
-    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
+    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))
     held = held_pose(target, look, mount, doubt)
     assert held is not None
     np.testing.assert_allclose(found[0][0], frames.inverse(tool_from_cyclopean) @ grasped_at)
@@ -271,7 +273,7 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     fit = Fit(frames.inverse(tool_from_cyclopean) @ at, own, 0.1, 9)
     monkeypatch.setattr(following, "fit_by_edges", lambda *_, **__: fit)
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)), stereo=None)
-    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
+    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))
     grasped_so = HeldPart("cube", at, own + np.diag([0.09] * 3 + [0.0] * 3))
     held = held_by_edges(shape_of("cube"), grasped_so, look, mount, Doubt(0.3, 0.0, 0.0, 0.0, 0.0))
     assert held is not None
@@ -305,6 +307,7 @@ def test_the_least_error_at_the_grasp_is_that_of_calibration_and_arm_alone_and_g
 
 def test_one_camera_that_took_both_pictures_has_what_goes_with_it_in_one_place_in_both() -> None:
     seen, mount = look_back(1, True)
+    who: CameraName | None
     for who, cameras in ((None, (seen.rig.left, seen.rig.right)), ("right", (mount.rig.left, mount.rig.left))):
         views = following.cameras_on_the_gripper(seen, replace(mount, alone=who)).views
         for view, camera in zip(views, cameras, strict=True):
@@ -333,7 +336,7 @@ def test_in_a_pair_of_one_camera_each_picture_says_where_the_part_is_and_the_arm
         assert found is None
         return
     assert found is not None
-    share = following.TOLERANCE_MM / (50.0 * np.sqrt(3.0))
+    share = TOLERANCE_MM / (50.0 * np.sqrt(3.0))
     poses, own = [fit.cyclopean_from_part for fit in fits], [fit.covariance for fit in fits]
     pose, covariance = moved_pair.weighed(poses, own, (both.left, both.right), arm, share)
     np.testing.assert_allclose(found.cyclopean_from_part, pose)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick import fused_objects
+from daemon.pick import fused_objects, pose_fusion
 from daemon.pick.fused_objects import ONE_MM, known, outlines_of, telling, untaught_facets
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
@@ -122,7 +122,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
     """What fusing takes grew with the square of the looks: 28 s at the twentieth, in the event loop."""
     fused, tried = list[int](), 0
 
-    def fuse(looks: Any, shared: Array) -> Any:
+    def fuse(looks: Any, shared: Doubt) -> Any:
         fused.append(len(looks))
         return fuse_once(looks, shared)
 
@@ -131,7 +131,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
         tried += 1
         return on_face_once(*about)
 
-    fuse_once, on_face_once = fused_objects.fuse, fused_objects.share_on_face
+    fuse_once, on_face_once = pose_fusion.fuse, fused_objects.share_on_face
     monkeypatch.setattr(fused_objects, "fuse", fuse)
     monkeypatch.setattr(fused_objects, "share_on_face", on_face)
     for count in (5, 40):
@@ -177,15 +177,15 @@ def test_of_two_named_parts_with_a_facet_in_common_the_larger_stays_where_they_h
     seen = exact(
         np.concatenate([one_mm + 20.0 * k for k in range(3)]), tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(3))
     )
-    larger, less = (SimpleNamespace(label=name) for name in names)
+    larger, less = (cast("Any", SimpleNamespace(label=name)) for name in names)
     shares = {id(larger): np.array([1.0, 1.0, 0.0]), id(less): np.array([0.0, 1.0, 0.0])}
     monkeypatch.setattr(fused_objects, "_shares", lambda _, part, __: shares[id(part)])
     fused: Any = SimpleNamespace(polyhedron=seen)
     for parts in ([larger, less], [less, larger]):
-        kept = fused_objects.in_own_places(fused, parts, None)  # type: ignore[arg-type]
+        kept = fused_objects.in_own_places(fused, parts, None)
         assert kept == [[larger, less][k] for k in stay]
     shares[id(less)] = np.array([0.0, 0.0, 1.0])
-    assert fused_objects.in_own_places(fused, [larger, less], None) == [larger, less]  # type: ignore[arg-type]
+    assert fused_objects.in_own_places(fused, [larger, less], None) == [larger, less]
 
 
 def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:

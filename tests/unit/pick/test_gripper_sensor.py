@@ -30,7 +30,7 @@ def wired(cycle: PickCycle, says: Says) -> PickCycle:
     async def part_held() -> bool | None:
         return says()
 
-    cycle.production_line.part_held = part_held  # type: ignore[method-assign]
+    cycle.production_line.part_held = part_held
     return cycle
 
 
@@ -129,7 +129,7 @@ def test_the_line_hears_of_parts_that_were_brought_and_of_none_that_fell_on_the_
     async def brought() -> None:
         told.append(cycle.ends[-1].why)
 
-    cycle.production_line.brought = brought  # type: ignore[method-assign]
+    cycle.production_line.brought = brought
 
     def lost(act: str) -> None:
         if act == "move" and [r["purpose"] for r in fake.said("move")][-1] == "bin":
@@ -208,7 +208,7 @@ def test_a_cup_is_worked_by_outputs_where_its_valves_are_there_and_no_other_grip
     async def work_cup(closed: bool, works_s: float) -> None:
         worked.append((closed, works_s))
 
-    cycle.production_line.work_cup = work_cup  # type: ignore[method-assign]
+    cycle.production_line.work_cup = work_cup
     cycle.production_line._by_role = {"vacuum": "valve"} if wired else {}
 
     async def story() -> None:

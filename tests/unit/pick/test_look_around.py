@@ -175,7 +175,8 @@ def test_a_walk_round_sets_out_as_a_look_does_and_gives_what_it_saw(monkeypatch:
 
     monkeypatch.setattr(cycle, "_set_out_to_look", sets_out)
     monkeypatch.setattr("daemon.pick.cycle.walk_round", walks)
-    assert lived(cycle.walk_round(cycle.recogniser, 8, _told)) == ("a thing", ["a look"])
+    saw: Any = lived(cycle.walk_round(cycle.recogniser, 8, _told))
+    assert saw == ("a thing", ["a look"])
     assert done == ["set out", "walked 8"]
 
 

@@ -4,6 +4,7 @@ import asyncio
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_look_that_followed_a_part_hints_at_nothing_of_the_calibration():
 
 
 def test_a_part_found_again_is_told_as_the_facets_that_face_the_cameras():
-    told = tracked_json(expected(FIT, "cube"), FIT, rig())
+    told: dict[str, Any] = tracked_json(expected(FIT, "cube"), FIT, rig())
     assert told["label"] == "cube"
     assert 1 <= len(told["facets"]) <= 3
     for facet in told["facets"]:
@@ -143,7 +144,7 @@ def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_c
 
     monkeypatch.setattr(looks, "examine", examine)
     monkeypatch.setattr(looks, "misleading", lambda health: [one for one in health if not one.good])
-    one = SimpleNamespace(before=pictures, images=images, rig=rig())
+    one: Any = SimpleNamespace(before=pictures, images=images, rig=rig())
     if again:
         assert [finding.good for finding in looks.pair_health(one)] == [True]
     else:
@@ -164,17 +165,17 @@ def test_of_two_pictures_of_one_camera_the_left_is_whichever_was_taken_to_the_le
     then = frames.rigid(turned, start[:3, 3] + way)
 
     def picture(name: str, settled_s: float, at: np.ndarray) -> CapturedPair:
-        pair = SimpleNamespace(left=name, right="of nobody")
+        pair: Any = SimpleNamespace(left=name, right="of nobody")
         return CapturedPair(pair, pair, Reading(at, np.zeros(6)), settled_s, cell.rig, at)
 
-    pair = looks.moved_pair_of(cell, picture("first", 0.4, start), picture("second", 0.7, then), Doubt())
+    pair: Any = looks.moved_pair_of(cell, picture("first", 0.4, start), picture("second", 0.7, then), Doubt())
     order = ("first", "second") if to_the_right else ("second", "first")
     assert (pair.pictures.left, pair.pictures.right) == (pair.before.left, pair.before.right) == order
     assert pair.settled_s == 0.7
     assert pair.reading.world_from_tool is then
     places = [start, then] if to_the_right else [then, start]
-    for place, camera in zip(places, (pair.rig.left, pair.rig.right), strict=True):
-        seen_from = pair.world_from_cyclopean @ camera.cyclopean_from_camera
+    for place, one in zip(places, (pair.rig.left, pair.rig.right), strict=True):
+        seen_from = pair.world_from_cyclopean @ one.cyclopean_from_camera
         np.testing.assert_allclose(seen_from, place @ cell.rig.left.cyclopean_from_camera, atol=1e-9)
     assert np.array_equal(pair.moved.left, pair.rig.left.cyclopean_from_camera)
     assert np.array_equal(pair.moved.right, pair.rig.right.cyclopean_from_camera)

@@ -135,7 +135,7 @@ def test_the_arms_error_sideways_moves_what_lies_ahead_in_depth_by_distance_over
     both = pair_at(baseline_mm)
     right = both.right.cyclopean_from_camera[:3, 3]
     part: Any = SimpleNamespace(
-        cyclopean_from_part=frames.rigid(np.eye(3), [0.0, 0.0, ahead_mm]), covariance=np.zeros((6, 6))
+        cyclopean_from_part=frames.rigid(np.eye(3), np.array([0.0, 0.0, ahead_mm])), covariance=np.zeros((6, 6))
     )
     sideways = moved_pair.of_pair(part, both, np.diag([0.1**2, 0, 0, 0, 0, 0]))
     assert sideways[2, 2] == pytest.approx(2 * (0.1 * ahead_mm / baseline_mm) ** 2)
@@ -151,7 +151,7 @@ def test_a_scene_of_a_moved_pair_has_the_arms_errors_in_its_parts_as_in_its_face
     both = pair_at(80.0)
     facet = TruthRecogniser(world)._facet(np.array([[0.0, 0, 320], [40, 0, 320], [40, 40, 320], [0, 40, 320]]))
     pose = frames.rigid(np.eye(3), np.array([20.0, 20.0, 320.0]))
-    part = Part(Recognition("cube", 0.9, 1.0, 1.0, None, False, ""), (facet,), pose, 0.01 * np.eye(6), (), 0.1, ())
+    part = Part(Recognition("cube", 0.9, 1.0, 1.0, None, False, ""), (facet,), pose, 0.01 * np.eye(6), 0.1)
     scene = Scene((part,), (), FacetView((Group((facet,), ((0, 1, 2, 3),)),), (), (), (), 2.0))
     after = moved_pair.with_arm(scene, both, ARM)
     (one,), (group,) = after.parts, after.view.groups

@@ -19,7 +19,6 @@ from daemon.pick.planning.next_view import (
     IN_TABLE_MM,
     UNLIKE,
     PartHypothesis,
-    area_vector,
     distinct_hypotheses,
     entropy,
     expected_entropy,
@@ -33,6 +32,7 @@ from daemon.pick.planning.next_view import (
     shown,
 )
 from daemon.vision.geometry import Polyhedron, corner_covariance, exact
+from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.values import UNKNOWN
 from tests.fakes import drawn
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, rig

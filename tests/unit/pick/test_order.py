@@ -64,10 +64,10 @@ def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
 
 
 def test_an_auto_that_came_to_its_end_leaves_nothing() -> None:
-    for options in ({"count": 1}, {}):
+    for order in (PickOrder(count=1), PickOrder()):
         world = some(2)
         cycle = cycle_of(world)
-        asyncio.run(cycle.auto(PickOrder(**options)))
+        asyncio.run(cycle.auto(order))
         assert cycle.pick_order is None
         assert [record["on"] for record in world.said("auto")] == [True, False]
 

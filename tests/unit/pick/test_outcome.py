@@ -7,9 +7,10 @@ import pytest
 
 from daemon.arm.settling import Settling
 from daemon.events.codes import CauseCode, FaultCause
+from daemon.events.outcomes import Outcome
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looks import Look
-from daemon.pick.outcome import CycleEnd, InGripper, Outcome, released
+from daemon.pick.outcome import CycleEnd, InGripper, released
 from daemon.pick.settings import Settings
 from tests.fakes.fake_cell import TruthRecogniser, World, build, one_part
 

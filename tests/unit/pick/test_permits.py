@@ -26,10 +26,12 @@ class Inputs:
     """Each role is on, or off for its next reading only."""
 
     def __init__(self, *off_next: str) -> None:
-        self.off_next, self.read = set(off_next), []  # type: ignore[var-annotated]
+        self.off_next, self.read = set(off_next), []
 
     async def set_outputs(self, numbers: Any) -> None:
         """No output here."""
+
+    work_valves = set_outputs
 
     async def ask_input(self, text: str) -> str:
         role = next(role for role, number in NUMBERS.items() if str(number) in text)
@@ -112,7 +114,7 @@ def test_no_pick_begins_where_nobody_has_found_how_inputs_are_read() -> None:
 def test_an_auto_that_waits_for_a_line_without_a_signal_for_it_is_refused() -> None:
     cycle = cycle_of(one_cube())
     with pytest.raises(RefusedError, match="role cycle_start or part_present"):
-        cycle.begin_auto(PickOrder(on_signal=True))
+        asyncio.run(cycle.begin_auto(PickOrder(on_signal=True)))
 
 
 def test_an_auto_brings_one_part_for_each_start() -> None:

@@ -1,6 +1,7 @@
 """How a part gets to its place, and what is told of it beforehand."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,8 @@ def nest(label, side):
 
 
 def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():
-    shape, anywhere = shape_of("pyramid"), SimpleNamespace(allows_each=everywhere)
+    shape = shape_of("pyramid")
+    anywhere: Any = SimpleNamespace(allows_each=everywhere)
     base = next(k for k, ring in enumerate(shape.rings) if len(ring) == 4)
     goal = goal_of(nest("pyramid", base), shape)
     plan = plan_from_side(goal, base, AT, Settings(), ON_HAND, anywhere, rig())
@@ -31,7 +33,7 @@ def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_a
         np.linalg.inv(motion.tool_laid) @ motion.part_laid,
         atol=1.0,
     )
-    nowhere = SimpleNamespace(allows_each=lambda poses: poses[:, 1, 3] > -150.0)
+    nowhere: Any = SimpleNamespace(allows_each=lambda poses: poses[:, 1, 3] > -150.0)
     none = plan_from_side(goal, base, AT, Settings(), ON_HAND, nowhere, rig())
     assert (none.found, none.motions) == (0, ())
     assert "can set it down at nest" in none.why

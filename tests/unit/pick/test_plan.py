@@ -1,6 +1,7 @@
 """Plans: reached all the way or told why not; the same grasp found again on a better estimate."""
 
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -8,10 +9,10 @@ import pytest
 
 from daemon import frames
 from daemon.events.codes import CauseCode
-from daemon.pick.grippers.two_fingers import in_the_way
+from daemon.pick.grippers.two_fingers import TwoFingers, in_the_way
 from daemon.pick.planning import plan as planning
 from daemon.pick.planning import viewpoints
-from daemon.pick.planning.plan import Destination, NoPlan, last_stretch, plan_part, same_grasp, stable_sides
+from daemon.pick.planning.plan import Destination, NoPlan, Plan, last_stretch, plan_part, same_grasp, stable_sides
 from daemon.pick.settings import Settings
 from daemon.store import folders
 from daemon.store.library import load_facets
@@ -57,6 +58,7 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
     """The refined grasp asked for no room: a finger went down on the neighbour."""
     rng, shape, pose, settings = np.random.default_rng(2), shape_of("cube"), lying("cube", 0), Settings()
     corners, would_strike = part_shape("pyramid").hull.vertices, 0
+    assert isinstance(settings.gripper, TwoFingers)
     for _ in range(60):
         away = frames.rotation_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
         beside = frames.apply(lying("pyramid", 0, rng.uniform(0.0, 1.5)), corners) + away * rng.uniform(60.0, 85.0)
@@ -77,6 +79,7 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
     asked = []
     plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: asked.extend(p) or everywhere(p))
     centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
+    assert isinstance(plan, Plan)
     stretch = last_stretch(plan.grasp, centre, settings, ON_HAND)
     for driven in stretch:
         assert any(np.allclose(driven, checked) for checked in asked)
@@ -91,8 +94,9 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
 @pytest.mark.parametrize(("reached", "found"), [(0, True), (2, True), (3, False)])
 def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch, reached, found):
     monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
-    destination = planning.Destination(goals=range(5))
-    way = planning.first_way(destination, np.eye(4), Settings(), ON_HAND, everywhere)
+    goals: Any = range(5)
+    destination = planning.Destination(goals=goals)
+    way: Any = planning.first_way(destination, np.eye(4), Settings(), ON_HAND, everywhere)
     assert way == (f"to {reached}" if found else None)
 
 
@@ -195,6 +199,7 @@ def test_a_grasp_is_found_again_as_near_as_can_be_and_no_farther_off_than_25_mm_
     """A radian counts as 50 mm."""
     shape, pose, settings = shape_of("pyramid"), lying("pyramid", 0), Settings()
     plan = plan_part(shape, pose, [], settings, ON_HAND, everywhere)
+    assert isinstance(plan, Plan)
     old = plan.grasp.world_from_tool
     for off_mm in (0.0, 8.0, 20.0, 24.0, 30.0):
         for turn in (0.0, 0.05, 0.2):

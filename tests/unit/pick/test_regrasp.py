@@ -3,12 +3,14 @@
 import re
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from daemon import frames
 from daemon.arm import Reach
+from daemon.events.codes import CauseCode
 from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.planning import regrasp
 from daemon.pick.planning.place_goals import TABLE, goes_through, looks_round
@@ -167,12 +169,13 @@ def test_nothing_is_laid_where_no_look_has_shown_the_table(over_plan, reach, mon
     shown = {"none": lambda point: False, "the other half": lambda point: point[1] > laid[1] + 40.0}
     for name, in_view in shown.items():
         monkeypatch.setattr(regrasp, "in_both_images", lambda look, point, view=in_view: view(point))
-        look = SimpleNamespace(viewpoints=cameras)
+        look: Any = SimpleNamespace(viewpoints=cameras)
         other = Regrasping(asked.shape, asked.destination, SETTINGS, ON_HAND, reach.allows_each, rig(), (), (look,))
         found = other.plan(start_on(asked.shape, a))
         if name == "none":
             assert isinstance(found, NoPlan)
         else:
+            assert not isinstance(found, NoPlan)
             corners = found[0].way.goal.corners
             assert corners[:, 1].min() > laid[1] + 40.0
 
@@ -208,7 +211,7 @@ def test_a_suction_cup_turns_nothing_over():
     shape = shape_of("cube")
     cup = Settings(gripper=SuctionCup())
     asked = Regrasping(shape, Destination([goal_on("cube", shape, 0)]), cup, ON_HAND, everywhere, rig())
-    assert asked.plan(start_on(shape, 1)) == NoPlan("no_way_to_place", "this gripper turns no part over")
+    assert asked.plan(start_on(shape, 1)) == NoPlan(CauseCode.NO_WAY_TO_PLACE, "this gripper turns no part over")
 
 
 def test_what_hangs_on_part_and_gripper_alone_is_worked_out_once(monkeypatch):

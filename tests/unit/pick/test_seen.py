@@ -11,8 +11,7 @@ import pytest
 
 from daemon import frames
 from daemon.pick.seen import Facing, ObservedPart, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
-from daemon.vision.recognition.group_recognition import UNKNOWN
-from daemon.vision.values import Part, Recognition
+from daemon.vision.values import UNKNOWN, Part, Recognition
 from tests.fakes.rigs import rig
 from tests.fakes.solids import measured
 

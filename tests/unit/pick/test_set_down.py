@@ -30,7 +30,7 @@ from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickState
-from daemon.pick.world import WorldModel
+from daemon.pick.world import WorldModel, look
 from daemon.store.place_file import CellPlaces, Place, PlaceSettings
 from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
@@ -258,7 +258,7 @@ def test_a_part_that_was_set_down_before_a_fault_is_less_to_bring_and_is_not_rep
         if act == "see" and PlaceStatuses(tmp_path).of("nest").status is PlaceStatus.SET:
             raise OSError(5, "the camera is gone")
 
-    story.cycle.production_line.brought = brought  # type: ignore[method-assign]
+    story.cycle.production_line.brought = brought
     story.fake.before = torn
     (end,) = asyncio.run(story.cycle.auto(PickOrder(2)))
     assert (end.outcome, end.place, end.ended_by, told) == ("released", "nest", "error", [])
@@ -345,7 +345,7 @@ def test_an_arm_that_somebody_moved_from_the_place_lets_go_nowhere(tmp_path: Pat
 def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    story, whole_look = Story(tmp_path), set_down.look
+    story, whole_look = Story(tmp_path), look
     with pytest.raises(RefusedError, match="the edges of the cube do not show clearly"):
         asyncio.run(story.cycle.locate("cube"))
 

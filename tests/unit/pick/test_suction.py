@@ -35,7 +35,9 @@ def bored(solid, facet, at, radius_mm):
 
 def lying(solid, lean_rad=0.0, turn_rad=0.3):
     tilted = frames.rotation_from_vector(np.array([0.0, lean_rad, 0.0]))
-    return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn_rad])) @ tilted, [520.0, 30.0, -300.0])
+    return frames.rigid(
+        frames.rotation_from_vector(np.array([0.0, 0.0, turn_rad])) @ tilted, np.array([520.0, 30.0, -300.0])
+    )
 
 
 def taken(solid, world_from_part, cup=CUP, **how):
@@ -165,7 +167,7 @@ def test_what_rises_beside_a_step_is_kept_clear_of():
 
 def test_a_facet_that_looks_aside_or_down_is_not_taken_and_the_reason_is_told():
     solid = shape_of("pyramid")
-    apex_up = frames.rigid(np.eye(3), [520.0, 0.0, -280.0])
+    apex_up = frames.rigid(np.eye(3), np.array([520.0, 0.0, -280.0]))
     steep = msgspec.structs.replace(CUP, lean_deg=5.0)
     found, why = taken(solid, apex_up, steep)
     assert not found
@@ -305,10 +307,12 @@ def test_a_grasp_is_described_as_it_is_and_the_best_come_first(lean, error):
     pose = lying(solid, lean)
     post = frames.apply(pose, np.array([[5.0, 5.0, 45.0], [12.0, 12.0, 45.0], [5.0, 12.0, 90.0]]))
     found, _ = CUP.grasps(solid, pose, -300.0, error, [post])
-    order = [(grasp.blocked, round(grasp.load, 1), grasp.tilt_deg) for grasp in found]
+    order = [(g.blocked, round(g.load, 1), g.tilt_deg) for g in found if isinstance(g, CupGrasp)]
+    assert len(order) == len(found)
     assert order == sorted(order)
     weight_n, mass = weight_and_middle(solid, CUP.density_g_cm3)
     for grasp in found:
+        assert isinstance(grasp, CupGrasp)
         part_from_tool = frames.inverse(pose) @ grasp.world_from_tool
         normal = solid.normals[grasp.facet - 1]
         assert part_from_tool[:3, 2] == pytest.approx(-normal, abs=1e-9)

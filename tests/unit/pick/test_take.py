@@ -15,7 +15,7 @@ from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import take
 from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
-from tests.fakes.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
+from tests.fakes.fake_cell import TruthRecogniser, World, cameras_of, cycle_of, one_part, shape_of
 from tests.fakes.pick_steps import begun, brought_to, step
 
 
@@ -142,10 +142,10 @@ def test_a_part_that_has_a_place_goes_there_where_it_is_measured_and_the_table_i
     decided = []
     monkeypatch.setattr(take, "measure", measure)
     monkeypatch.setattr(take, "is_barred", lambda *_: barred)
-    context = SimpleNamespace(decide=lambda text, why, code, **_: decided.append((text, code)))
+    context: Any = SimpleNamespace(decide=lambda text, why, code, **_: decided.append((text, code)))
     goal = SimpleNamespace(between=between, description="the place")
-    target = SimpleNamespace(label="cube", way=SimpleNamespace(goal=goal), held=None)
-    seen = SimpleNamespace(taken=None)
+    target: Any = SimpleNamespace(label="cube", way=SimpleNamespace(goal=goal), held=None)
+    seen: Any = SimpleNamespace(taken=None)
     assert asyncio.run(take.where_to(context, target, seen, "it shows")) is event
     (decision,) = decided
     assert decision[1] is code
@@ -175,8 +175,9 @@ def test_what_lies_where_a_part_is_to_be_laid_down_bars_it_and_what_is_in_the_ha
     middle = corners.mean(axis=0)
     hand = frames.rigid(np.eye(3), middle + np.array([0.0, 0.0, hand_off_mm]))
     monkeypatch.setattr(take, "seen_parts", lambda _: [SimpleNamespace(centre=middle, corners=corners)])
-    look = SimpleNamespace(reading=SimpleNamespace(world_from_tool=hand))
-    assert take.is_barred(SimpleNamespace(corners=corners), look) is barred
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=hand))
+    goal: Any = SimpleNamespace(corners=corners)
+    assert take.is_barred(goal, look) is barred
 
 
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
@@ -319,7 +320,7 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
-    context.cell.cameras.shaking = 10_000
+    cameras_of(context.cell).shaking = 10_000
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert released_as(fake) == [("cube", "unclear", "unclear")]
     assert world.result.outcome == "released"
@@ -328,9 +329,9 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
 def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
     fake = one_part()
     context, world = begun(fake)
-    grabs = context.cell.cameras.grabs
+    grabs = cameras_of(context.cell).grabs
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
-    assert context.cell.cameras.grabs == grabs
+    assert cameras_of(context.cell).grabs == grabs
     assert not fake.said("release")
 
 

@@ -62,8 +62,9 @@ def test_the_first_grasp_of_a_part_taught_a_little_wrong_holds_it_in_the_simulat
 @settings(max_examples=40, deadline=None)
 @given(case=st.sampled_from(RESTS), turn=st.floats(0, 6.28))
 def test_every_grasp_keeps_its_promises(case, turn):
-    corners = part_shape(case[0]).hull.vertices
-    world_from_part = lying(*case, turn)
+    label, rest = case
+    corners = part_shape(label).hull.vertices
+    world_from_part = lying(label, rest, turn)
     for grasp in grasps(known(corners), world_from_part, -300.0, GRIPPER):
         x, y, z = grasp.world_from_tool[:3, 0], grasp.world_from_tool[:3, 1], grasp.world_from_tool[:3, 2]
         assert abs(y[2]) < 1e-9, "the fingers close level"
@@ -78,7 +79,7 @@ def test_every_grasp_keeps_its_promises(case, turn):
 
 def test_a_low_part_is_grasped_as_low_as_the_tips_may_go_over_the_table():
     plate = np.array([[x, y, z] for x in (-30.0, 30.0) for y in (-20.0, 20.0) for z in (-12.0, 12.0)])
-    found = grasps(known(plate), frames.rigid(np.eye(3), [520.0, 0.0, -288.0]), -300.0, GRIPPER)
+    found = grasps(known(plate), frames.rigid(np.eye(3), np.array([520.0, 0.0, -288.0])), -300.0, GRIPPER)
     assert {grasp.tilt_deg for grasp in found} == set(GRIPPER.tilts_deg)
     for grasp in found:
         half, tip = GRIPPER.finger_width_mm / 2, GRIPPER.tip_mm
@@ -307,7 +308,7 @@ def test_a_grasp_is_found_again_only_among_those_turned_nearly_as_before():
 @given(st.floats(-40.0, 40.0), st.floats(-90.0, 90.0), st.floats(-120.0, 60.0), st.floats(1.0, 20.0))
 def test_what_is_in_the_room_that_the_open_fingers_sweep_is_in_their_way(x, y, z, size):
     """A cube of that size, its lowest corner there in the tool's frame; the tool lies anyhow."""
-    tool = frames.rigid(frames.rotation_from_vector(np.array([0.3, 2.0, -1.0])), [500.0, 20.0, -100.0])
+    tool = frames.rigid(frames.rotation_from_vector(np.array([0.3, 2.0, -1.0])), np.array([500.0, 20.0, -100.0]))
     local = np.array([x, y, z]) + size * np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
     half, wide = GRIPPER.finger_width_mm / 2, GRIPPER.opening_mm / 2 + GRIPPER.finger_thick_mm
     borders = [(x, half), (x, -half - size), (y, wide), (y, -wide - size), (z, GRIPPER.tip_mm), (z, -80.0 - size)]

@@ -35,7 +35,8 @@ def test_a_pick_whose_looks_never_agree_ends_and_says_what_disagreed(monkeypatch
 
     def before(name: str) -> None:
         if name == "see":
-            world.put("cube", *world.rng.uniform((440, -100), (600, 100)), 0.4)
+            x_mm, y_mm = world.rng.uniform((440, -100), (600, 100))
+            world.put("cube", x_mm, y_mm, 0.4)
 
     world.before = before
     cycle = cycle_of(world)
@@ -102,7 +103,7 @@ def test_the_loop_goes_on_while_looks_are_fused(monkeypatch: pytest.MonkeyPatch)
     async def story() -> None:
         cycle = cycle_of(World(np.random.default_rng(0)))
         monkeypatch.setattr(world_room, "known", known)
-        model, context = WorldModel([]), cycle._context(cycle.recogniser)  # type: ignore[arg-type]
+        model, context = WorldModel([]), cycle._context(cycle.recogniser)
         taking = asyncio.create_task(model.take_in(context, await cycle.look()))
         await asyncio.sleep(0)
         for _ in range(20):

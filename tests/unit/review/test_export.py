@@ -49,7 +49,7 @@ def test_an_mcap_file_is_read_back_with_every_image_pose_and_line(made: MadeRun,
 
 def test_a_pose_is_a_place_in_metres_and_a_quaternion() -> None:
     """A quarter turn about z, and half a turn about y."""
-    about_z = [[0.0, -1, 0, 100.0], [1, 0, 0, 200.0], [0, 0, 1, -300.0], [0, 0, 0, 1]]
+    about_z = [[0.0, -1.0, 0.0, 100.0], [1.0, 0.0, 0.0, 200.0], [0.0, 0.0, 1.0, -300.0], [0.0, 0.0, 0.0, 1.0]]
     ((topic, _, message),) = frame_transform({"sec": 1, "nsec": 2}, "world", "tool", about_z)
     assert (topic, message["parent_frame_id"], message["child_frame_id"]) == ("/tf", "world", "tool")
     assert message["timestamp"] == {"sec": 1, "nsec": 2}

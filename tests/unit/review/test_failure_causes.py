@@ -495,7 +495,7 @@ def test_a_picked_part_and_an_empty_table_need_no_cause(made: MadeRun) -> None:
 
 # What a person is told to do can be done.
 
-ADVICE = [
+REMEDIES = [
     *(cause.remedy for cause in CauseCode),
     *(said.remedy for said in ADVICE.values()),
     *(measure.advice for measure in MEASURES.values()),
@@ -506,7 +506,7 @@ SECTIONS = ("cameras", "arm", "pick", "vision", "files", "folders", "console", "
 
 def test_no_advice_names_a_command_that_does_not_exist() -> None:
     known = {c.name: c for c in every_command()} | dict.fromkeys(OFFLINE)
-    named = [words for advice in ADVICE for words in re.findall(r"`([^`]+)`", advice)]
+    named = [words for advice in REMEDIES for words in re.findall(r"`([^`]+)`", advice)]
     assert len(named) > 20
     for words in named:
         first, *more = words.removeprefix("facetctl ").split()
@@ -516,11 +516,11 @@ def test_no_advice_names_a_command_that_does_not_exist() -> None:
 
 
 def test_no_advice_names_a_key_that_does_not_exist() -> None:
-    named = [key for advice in ADVICE for key in re.findall(rf"\b(?:{'|'.join(SECTIONS)})(?:\.\w+)+", advice)]
+    named = [key for advice in REMEDIES for key in re.findall(rf"\b(?:{'|'.join(SECTIONS)})(?:\.\w+)+", advice)]
     assert len(named) > 10
     for key in named:
         assert _is_key(key), key
-    loose = {w for advice in ADVICE for w in re.findall(r"(?<![\w.])[a-z]+_[a-z_]+\b", advice)}
+    loose = {w for advice in REMEDIES for w in re.findall(r"(?<![\w.])[a-z]+_[a-z_]+\b", advice)}
     limits = {f.name for f in fields(get_type_hints(_kind("pick"))["limits"])}
     assert loose <= {*CONTROLS, *limits}
 
@@ -580,7 +580,7 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
     run = read_digest(made.folder)
     (cycle,) = run.cycles
     unknown = [cause for cause in causes(cycle, ()) if cause.code.summary == "unknown cause"]
-    assert [cause.at for cause in unknown] == [cycle.end["seq"]]  # type: ignore[index]
+    assert [cause.at for cause in unknown] == [cycle.end["seq"]]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from tests.fakes.made_run import FACET, MadeRun, part
 from tests.fakes.waiting import until
 
 
-def rows(browser: Any) -> list[object]:
+def rows(browser: Any) -> list[Any]:
     return browser.find_elements("css selector", "#table tbody tr")
 
 

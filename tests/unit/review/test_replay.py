@@ -58,7 +58,7 @@ def test_replay_takes_a_pose_within_three_sigma_for_the_same_and_one_beyond_for_
 def beside(mm: float) -> dict[str, object]:
     """A cube whose corners lie so far off, and that is said to lie another way round."""
     turned = [[0.0, -1.0, 0, 30.0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
-    facet = {**FACET, "corners_mm": [[x + mm, y, z] for x, y, z in FACET["corners_mm"]]}  # type: ignore[attr-defined]
+    facet = {**FACET, "corners_mm": np.add(np.array(FACET["corners_mm"], float), [mm, 0.0, 0.0]).tolist()}
     return part("cube", cyclopean_from_part=turned, facets=[facet])
 
 

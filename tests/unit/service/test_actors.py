@@ -28,6 +28,7 @@ from daemon.events.outcomes import Outcome
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick import approach, take
 from daemon.pick.cycle import PickCycle
+from daemon.pick.gripper_sensor import gripper_pair
 from daemon.pick.outcome import PickResult
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.transitions import PickState
@@ -365,7 +366,7 @@ def test_another_cell_that_is_read_disables_the_arm():
 def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():
     def act(story: Story) -> None:
         pick_up_to(story, PickState.BIN)
-        pair = take.gripper_pair
+        pair = gripper_pair
 
         async def as_it_looks(*about: Any) -> Any:
             taken = await pair(*about)

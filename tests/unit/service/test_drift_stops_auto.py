@@ -13,7 +13,7 @@ import pytest
 
 from daemon.calibration.drift import Drift, DriftWatch
 from daemon.commands.cycle_observer import CycleObserver
-from daemon.console.context import Troubles
+from daemon.maintenance.troubles import Troubles
 from daemon.pick.settings import Settings
 from daemon.service import Service
 from daemon.store.place_file import CellPlaces

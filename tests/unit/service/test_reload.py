@@ -46,7 +46,7 @@ def test_what_one_operator_writes_is_taken_over_or_put_back_before_another_write
 
             return change
 
-        there._reload = _reload  # type: ignore[method-assign]
+        there._reload = _reload
         return await asyncio.gather(
             *(there.reload(who, of(who)) for who in ("ann", "bob", "cleo", "dan")), return_exceptions=True
         )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -100,7 +101,7 @@ def test_a_stop_with_a_quote_left_open_stops_the_arm(story: Story, text: str) ->
 def test_control_c_after_the_line_was_lost_on_the_way_does_not_say_that_nothing_moves(story: Story) -> None:
     story.sockets[0].say("go bin")
     story.wait(0.5)
-    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.harm(story.line.unplug)
     story.wait(0.1)
     assert not story.cell.controller.machine.at_rest()
     story.sockets[1].interrupt()
@@ -162,7 +163,7 @@ def test_a_hand_word_that_left_before_the_stop_is_carried_out_by_a_controller_wh
     story.wait(0.1)
     story.sockets[0].say("hand open")
     story.wait(0.1)
-    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.harm(story.line.unplug)
     story.sockets[0].say("abort")
     story.wait(1.0)
     assert not story.cell.controller.machine.hand_closed, "nobody could tell it not to"
@@ -370,7 +371,7 @@ def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told
         story.sockets[0].send({"keys": keys})
         story.wait(0.5)
     assert not story.cell.controller.machine.at_rest()
-    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.harm(story.line.unplug)
     story.sockets[0].send({"keys": key})
     story.wait(6.0)
     assert story.sockets[0].line is not None
@@ -383,7 +384,7 @@ def test_a_question_that_somebody_left_before_the_start_is_answered_by_nobody_as
 ) -> None:
     """`robot power-up` said yes to it: the program went on, with an arm that was not enabled."""
 
-    def asking(machine: Machine, _: str) -> Iterator[Ask]:
+    def asking(machine: Machine, _: str) -> Generator[Ask, str]:
         if (yield Ask("Another part (Y/N)?")).startswith("Y"):
             machine.move_joints(READY_RAD)
 
@@ -670,7 +671,7 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     if going:
         story.sockets[0].say("go survey")
         story.wait(0.7)
-    with story.cell.server.controller() as controller:  # type: ignore[union-attr]
+    with story.cell.server.controller() as controller:
         controller.receive(b"SPEED 100\r", controller.now_s)
     story.wait(20.0)
     cycle = story.context.cycle
@@ -770,7 +771,7 @@ def test_no_move_sets_out_after_a_hold_that_was_said_while_its_speed_was_being_t
 def kill(story: Story) -> None:
     """SIGKILL: what it would have done at its end is not done; what is in its files is."""
     context = story.context
-    context.run_log.close = lambda *_, **__: None  # type: ignore[method-assign]
+    context.run_log.close = lambda *_, **__: None
     story.terminate()
     story.start()
     story.wait(1.0)
@@ -786,7 +787,7 @@ def closed_by_a_word(story: Story) -> None:
 def told_to_open_on_a_line_that_was_pulled(story: Story) -> None:
     story.sockets[0].say("hand close")
     story.wait(1.0)
-    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.harm(story.line.unplug)
     story.sockets[0].say("hand open")
     story.wait(1.0)
     story.repair()
@@ -1085,7 +1086,7 @@ def test_nothing_that_moves_is_typed_once_more_after_a_hold_that_was_said_while_
     """The echo of its line was lost: two seconds later the line was taken back, typed again and carried out."""
     machine, type_line, lost = story.cell.controller.machine, Conversation._type_line, list[str]()
 
-    async def typing(talk: Conversation, text: str, *others: Callable[[], bool]) -> None:
+    async def typing(talk: Conversation, text: str, *others: Any) -> None:
         if text.startswith(begins) and not lost:
             lost.append(text)
             drop = LineFault("to_host", "drop", count=len(text))

@@ -30,7 +30,7 @@ class Line:
     """Inputs and outputs by number; `then`: what the line does at each reading, in turn."""
 
     def __init__(self, *on: int) -> None:
-        self.on, self.typed, self.fails = set(on), [], False  # type: ignore[var-annotated]
+        self.on, self.typed, self.fails = set(on), [], False
         self.then: list[Callable[[], object]] = []
         self.withheld = False
 
@@ -81,7 +81,7 @@ def test_a_start_counts_once_and_only_where_it_was_seen_off_before() -> None:
     signals, left = served(line), iter([True] * 4 + [False])
     assert not asyncio.run(signals.wanted(lambda: next(left))), "on since before the auto: somebody else's"
     line.on.discard(1003)
-    line.then = [lambda: None] * 3 + [lambda: line.on.add(1003)]
+    line.then = [*[lambda: None] * 3, lambda: line.on.add(1003)]
     assert asyncio.run(signals.wanted(lambda: True))
     left = iter([True] * 4 + [False])
     assert not asyncio.run(signals.wanted(lambda: next(left))), "the same start asks for no second part"
@@ -90,7 +90,7 @@ def test_a_start_counts_once_and_only_where_it_was_seen_off_before() -> None:
 def test_no_part_is_wanted_without_the_permit_to_pick() -> None:
     line = Line()
     signals = served(line)
-    line.then = [lambda: None] * 2 + [lambda: line.on.add(1003)]
+    line.then = [*[lambda: None] * 2, lambda: line.on.add(1003)]
     left = iter([True] * 6 + [False])
     assert not asyncio.run(signals.wanted(lambda: next(left)))
     line.on.add(1001)

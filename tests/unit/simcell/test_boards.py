@@ -30,7 +30,7 @@ def test_a_board_is_found_by_opencv_where_its_pose_says(charuco: bool) -> None:
         complete, found = cv2.findChessboardCorners(grey, (9, 6))
         assert complete
         x, y = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
-        wanted = board.square_mm * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        wanted = board.square_mm * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(float)
         if np.linalg.norm(found[0] - projected(camera, pose, apply(world_from_board, wanted[:1]))) > 20:
             found = found[::-1]
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)

@@ -205,7 +205,7 @@ def test_a_rolling_shutter_shears_what_moves_and_nothing_else() -> None:
         offs = []
         for fault in (None, "rolling"):
             pair, _ = pair_of(speed_mm_s)
-            pair.set_fault("left", fault)  # type: ignore[arg-type]
+            pair.set_fault("left", fault)
             pixels = pair.grab(100.0, 1.0).left.pixels.astype(float)
             bright = np.maximum(pixels - np.median(pixels) - 20, 0)
             columns = np.arange(pixels.shape[1])

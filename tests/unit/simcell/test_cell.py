@@ -52,7 +52,7 @@ def drive(cell: SimulatedCell, *steps: str | Array) -> None:
 
 
 def above(x_mm: float, y_mm: float, z_mm: float) -> Array:
-    return rigid(DOWN, [x_mm, y_mm, z_mm])
+    return rigid(DOWN, np.array([x_mm, y_mm, z_mm]))
 
 
 def test_the_arm_is_truly_a_little_off_where_it_says_it_is(cell: SimulatedCell) -> None:
@@ -73,8 +73,8 @@ def test_a_part_closed_on_goes_with_the_hand_and_lands_in_the_bin_where_it_is_le
     assert told.width_mm == pytest.approx(50.0, abs=0.05)
     assert abs(told.shift_mm) < 0.5, "tool y lies along world x, where the aim was right"
     assert abs(told.turn_deg) == pytest.approx(np.degrees(0.03), abs=0.1)
-    bin_at = cell.truth.settings.bin.centre_mm
-    drive(cell, above(*bin_at, -150.0), "open")
+    x_mm, y_mm = cell.truth.settings.bin.centre_mm
+    drive(cell, above(x_mm, y_mm, -150.0), "open")
     assert cell.world.held is None
     assert {p.name: p.where for p in cell.world.parts} == {part.name: PartPlace.BIN}
     assert cell.world.strikes == []

@@ -32,7 +32,7 @@ class Cell:
         geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = SimulatedArm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
-        rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
+        rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))
         body = ArmSpheres([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
         self.motion_monitor = MotionMonitor(self.controller.machine.history, body, rules, TRUTH.table)
         self.motion_monitor.may_move(0.0, True)

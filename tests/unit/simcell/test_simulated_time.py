@@ -15,7 +15,8 @@ from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Faults, LineFault, Mishap
-from drivers.val2.link import ControllerError, Link, PortError, Preempted
+from drivers.val2.errors import ControllerError, PortError, Preempted
+from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.simulated_time import SimulatedLoop

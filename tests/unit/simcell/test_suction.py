@@ -78,7 +78,7 @@ def test_it_loses_what_is_too_heavy_and_what_hangs_too_far_beside_it():
 
 def planned(solid, shape, shift, rest, turn):
     """(world_from_shape, grasps) of a part at rest."""
-    spin = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn])), [520.0, 0.0, -300.0])
+    spin = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn])), np.array([520.0, 0.0, -300.0]))
     pose = spin @ shape.rests[rest]
     return pose, CUP.grasps(solid, pose @ frames.rigid(np.eye(3), shift), -300.0, ERROR_MM)[0]
 

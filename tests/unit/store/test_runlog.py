@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -111,7 +112,7 @@ def test_kill_minus_nine_at_any_moment_loses_at_most_the_last_line(tmp_path: Pat
         writer.stdout.readline()
         time.sleep(chance.uniform(0, 0.3))
         writer.send_signal(signal.SIGKILL)
-        said = [int(line) for line in writer.stdout.read().split() or [0]]
+        said = [int(line) for line in writer.stdout.read().split() or ["0"]]
         writer.stdout.close()
         writer.wait()
         run = read_run(folder)
@@ -291,12 +292,12 @@ def test_settled_is_what_is_written_pictures_and_all_and_on_the_disk(log: RunLog
     log.record("decision")
     held = threading.Event()
     for worker in (log._lines, log._pictures):
-        worker.do(lambda: held.wait(10.0) and None)
+        worker.do(partial(held.wait, 10.0))
         assert not log.settle(0.05)
         held.set()
         assert log.settle()
         held.clear()
-    log._syncer.wait_until_written = lambda _: False  # type: ignore[method-assign]
+    log._syncer.wait_until_written = lambda timeout_s: False
     assert not log.settle()
 
 
@@ -422,7 +423,7 @@ def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp
 def test_a_job_that_fails_ends_no_thread_and_is_told(log: RunLog, caplog: pytest.LogCaptureFixture) -> None:
     log.record("look", images={"left": np.zeros((0, 0), np.uint8)})
     for worker in (log._lines, log._pictures):
-        worker.do(lambda: {}["nothing"])
+        worker.do(lambda: dict[str, str]()["nothing"])
     log.record("look", images={"left": image()})
     assert log.settle()
     assert (log.folder / "images" / "000001-left.png").exists()
@@ -432,7 +433,7 @@ def test_a_job_that_fails_ends_no_thread_and_is_told(log: RunLog, caplog: pytest
 @pytest.mark.parametrize(("kind", "at_once"), [("fault", True), ("hand", True), ("decision", False), ("look", False)])
 def test_what_a_restart_must_know_is_brought_to_the_disk_at_once(log: RunLog, kind: str, at_once: bool) -> None:
     hurried: list[str] = []
-    log._syncer.hurry = lambda: hurried.append(kind)  # type: ignore[method-assign]
+    log._syncer.hurry = lambda: hurried.append(kind)
     log.record(kind)
     assert hurried == ([kind] if at_once else [])
 

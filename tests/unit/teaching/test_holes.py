@@ -64,8 +64,10 @@ def test_holes_go_with_the_part_into_its_frame_and_its_file() -> None:
     kept = from_bytes(to_bytes(model)).model.metric["bored"].solid
     for one, other in zip(kept.holes, solid.holes, strict=True):
         assert one.facet == other.facet
-        far = [np.linalg.norm(h.ring_mm[:, None] - s.corners_mm, axis=2) for h, s in ((one, kept), (other, solid))]
-        assert np.allclose(*far, atol=1e-3)
+        far, also = (
+            np.linalg.norm(h.ring_mm[:, None] - s.corners_mm, axis=2) for h, s in ((one, kept), (other, solid))
+        )
+        assert np.allclose(far, also, atol=1e-3)
 
 
 def test_a_hole_that_no_facet_has_is_refused_in_a_models_file() -> None:

@@ -13,12 +13,12 @@ from daemon.teaching.view_coverage import (
     assess_coverage,
     confusable_pairs,
     simulated_view,
-    spread,
     unconnected_facets,
     visible_facets,
-    visible_from,
 )
 from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.visibility import visible_from
+from daemon.vision.model.aspect_sets import spread
 from tests.fakes import drawn
 from tests.fakes.taught import taught
 

@@ -27,7 +27,8 @@ class Line:
         self.echoes: Callable[[bytes], bytes] = lambda data: data
         self.loop = asyncio.get_running_loop()
         self.sent: list[tuple[float, bytes, bytes]] = []
-        self._line, self._silence = b"", None
+        self._line = b""
+        self._silence: asyncio.TimerHandle | None = None
         self._reader = Reader()
         owed = PendingAnswers(self.loop.time, self.dialect.motion_s)
         self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time, Unconditional(), owed)
@@ -246,7 +247,7 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
     async def story() -> Any:
         line = Line({})
         line.echoes, line.says = lambda data: b"", {}
-        line._take = lambda data, kept: None  # type: ignore[method-assign]
+        line._take = lambda data, kept: None
         owed = PendingAnswers(line.loop.time, line.dialect.motion_s)
         line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional(), owed)
         with pytest.raises(NoAnswer, match=r"gives no prompt \(2 attempts\): is it on") as told:

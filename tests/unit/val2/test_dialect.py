@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from drivers.val2.link import Dialect
+from drivers.val2.dialect import Dialect
 from drivers.val2.location import Location, apart
 from tests.fakes.arm_line import MakesLine
 

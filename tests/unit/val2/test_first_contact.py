@@ -103,12 +103,12 @@ class Terminal:
             self.calibrated = True
             return ""
         if said.startswith("DO DRIVE ") and "!" not in said:
-            joint, degrees, _ = said.removeprefix("DO DRIVE ").split(",")
+            number, turn, _ = said.removeprefix("DO DRIVE ").split(",")
             if not self.calibrated:
                 return "*Arm not calibrated*"
-            if int(joint) in self.at_end and float(degrees) > 0:
-                return f"*Joint {joint} out of range*"
-            self.going = int(joint) - 1, float(degrees)
+            if int(number) in self.at_end and float(turn) > 0:
+                return f"*Joint {number} out of range*"
+            self.going = int(number) - 1, float(turn)
             return ""
         return "*Illegal command*"
 
@@ -155,7 +155,8 @@ def met(
 ) -> tuple[ContactFindings, list[Consult], list[str]]:
     """Carry a first contact through: what is known, what the person was asked, and what she was told."""
     known, asked, told = ContactFindings(), list[Consult](), list[str]()
-    steps, came = introduce(known, pendant=pendant), None
+    steps = introduce(known, pendant=pendant)
+    came: Any = None
     while True:
         try:
             step: Any = steps.send(came)
@@ -196,7 +197,7 @@ def yes(consult: Consult) -> str:
     takes=st.sampled_from([("ABORT",), ("PANIC",), ("ABORT", "PANIC")]),
 )  # fmt: skip
 def test_each_manner_of_a_controller_is_found_to_be_what_it_is(
-    baud: int, end: bytes, newline: str, prompt: str, asks: tuple[str, ...], manners: dict[str, bool],
+    baud: int, end: bytes, newline: str, prompt: str, asks: tuple[str, ...], manners: dict[str, Any],
     decimals: tuple[int, int], pace_s: float, takes: tuple[str, ...],
 ) -> None:  # fmt: skip
     terminal = Terminal(

@@ -12,7 +12,8 @@ from drivers.ledger import Ledger
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, LineFault
-from drivers.val2.link import Dialect, Link
+from drivers.val2.dialect import Dialect
+from drivers.val2.link import Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
 from tests.fakes.arm_line import ArmLine, MakesLine

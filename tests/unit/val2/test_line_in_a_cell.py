@@ -16,12 +16,13 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.controller import Manners
-from drivers.val2.contact_findings import ContactFindings, Heard, UnclearError
+from drivers.val2.contact_findings import ContactFindings, Exchange, Heard, UnclearError
 from drivers.val2.conversation import answer_from as answer
 from drivers.val2.conversation import is_twice
+from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
 from drivers.val2.first_contact import _line
-from drivers.val2.link import Dialect, Link
+from drivers.val2.link import Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text
@@ -75,7 +76,7 @@ def test_an_adapter_that_is_out_is_told_by_the_name_it_has_in_the_configuration(
 class Converter:
     """An RS-422 converter that hears itself: what is sent comes back at once, and then whatever the far end says."""
 
-    def __init__(self, port: Port, on_bytes) -> None:  # type: ignore[no-untyped-def]
+    def __init__(self, port: Port, on_bytes) -> None:
         self._port, self._on_bytes = port, on_bytes
 
     def write(self, data: bytes) -> None:
@@ -92,11 +93,11 @@ class Converter:
         self._port.close()
 
 
-def echoing(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+def echoing(path, dialect, on_bytes, on_lost):
     return Converter(SerialPort(path, dialect, on_bytes, on_lost), on_bytes)
 
 
-def echoing_before_a_slow_controller(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+def echoing_before_a_slow_controller(path, dialect, on_bytes, on_lost):
     """The converter's echo is whole, and taken for the controller's, before that one's begins."""
 
     def late(data: bytes) -> None:
@@ -120,12 +121,14 @@ def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_d
 def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_before_anything_moves() -> None:
     """What came back first would be the converter's: what the controller read could not be compared with anything."""
     steps = _line(ContactFindings())
-    assert next(steps).data == b"WHERE"
+    step = next(steps)
+    assert isinstance(step, Exchange)
+    assert step.data == b"WHERE"
     with pytest.raises(UnclearError, match="comes back twice"):
         steps.send(Heard(((0.1, b"WWHHEERREE"),), 1.0))
 
 
-def echoing_before_a_controller_that_takes_its_time(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+def echoing_before_a_controller_that_takes_its_time(path, dialect, on_bytes, on_lost):
     """What the controller says comes a character at a time, and not as fast as the line could carry it."""
     free_s = [0.0]
 
@@ -172,7 +175,7 @@ def test_a_converter_whose_echo_is_switched_on_in_mid_day_is_told_as_one(
                 else:
                     super().write(data)
 
-        def switched(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+        def switched(path, dialect, on_bytes, on_lost):
             made = converter(path, dialect, on_bytes, on_lost)
             return Switched(made._port, on_bytes)  # type: ignore[attr-defined]
 

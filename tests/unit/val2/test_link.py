@@ -15,20 +15,11 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.controller import LineFault, Manners, Mishap
-from drivers.val2.link import (
-    ControllerError,
-    Dialect,
-    Elsewhere,
-    Garbled,
-    Link,
-    LinkError,
-    NoAnswer,
-    PortError,
-    Preempted,
-    Where,
-    mark_retrieved,
-)
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.link import Link, mark_retrieved
 from drivers.val2.location import Location, apart, location_from_matrix
+from drivers.val2.wire import Where
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so

@@ -11,7 +11,9 @@ import pytest
 
 from drivers.simcell.controller import LineFault, Manners, Mishap
 from drivers.simcell.history import MotionRecord
-from drivers.val2.link import Dialect, Link, LinkError
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import LinkError
+from drivers.val2.link import Link
 from drivers.val2.location import Location
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived

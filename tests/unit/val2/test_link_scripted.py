@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -23,8 +24,9 @@ from drivers.val2.errors import (
     Preempted,
     StopWordRefused,
 )
-from drivers.val2.link import PREAMBLE_S, Link, MoveStart, NextMove, Where
+from drivers.val2.link import PREAMBLE_S, Link, MoveStart, NextMove
 from drivers.val2.location import Location
+from drivers.val2.wire import Where
 from tests.fakes.in_time import lived
 
 PROMPT = "\r\n."
@@ -45,7 +47,8 @@ class Scripted:
         self._line = b""
 
     def open(self, _: str, __: Dialect, on_bytes: Callable[[bytes], None], ___: Any) -> Scripted:
-        self.hear, self.loop = on_bytes, asyncio.get_running_loop()
+        self.hear: Callable[[bytes], object] = on_bytes
+        self.loop = asyncio.get_running_loop()
         return self
 
     def write(self, data: bytes) -> None:
@@ -654,7 +657,7 @@ def test_whoever_hears_no_answer_as_the_arm_is_stopped_types_nothing_into_the_st
         link = linked(port)
         await link.open()
         write, stopping = port.write, list[asyncio.Task[Where | None]]()
-        port.write = lambda data: (typed.extend(data), write(data))  # type: ignore[method-assign]
+        port.write = lambda data: typed.extend(data) or write(data)
 
         def stop() -> None:
             stopping.append(asyncio.ensure_future(link.stop_motion()))
@@ -823,7 +826,9 @@ def test_of_a_move_whose_place_is_not_where_it_was_to_start_no_line_that_moves_i
         raise Elsewhere(f"at x {where.location.x_mm:g}")
 
     for move in (Link.move, Link.move_straight):
-        came, lines, _ = told(lambda link, move=move: move(link, GOAL, start=MoveStart(40.0, elsewhere)), usual)
+        came, lines, _ = told(
+            partial(lambda move, link: move(link, GOAL, start=MoveStart(40.0, elsewhere)), move), usual
+        )
         assert str(came) == "at x 500"
         assert lines[-1] == "WHERE"
 
@@ -848,7 +853,7 @@ def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_spe
                 data = data[:-1] + b"?"
             write(data)
 
-        port.write = spoils_one  # type: ignore[method-assign]
+        port.write = spoils_one
         del port.lines[:]
         await link.move_straight(GOAL, start=START)
         return port.lines
@@ -959,7 +964,7 @@ def test_a_line_that_moves_and_is_spoiled_as_it_is_typed_has_all_told_again() ->
                 data = data[:-1] + b"?"
             write(data)
 
-        port.write = once  # type: ignore[method-assign]
+        port.write = once
 
     lines, asked, _ = followed(spoils)
     assert lines == [*AHEAD, "DO MOVES GOAL"]
@@ -1213,7 +1218,7 @@ def test_a_stop_whose_bytes_did_not_leave_a_port_that_was_changed_just_then_is_t
                 raise Disturbed("stty")
             writes(data)
 
-        port.write = fails_once  # type: ignore[method-assign]
+        port.write = fails_once
         assert await link.stop_motion() is not None
         assert b"ABORT" in failed[0]
         assert "ABORT" in port.lines

@@ -259,7 +259,7 @@ def test_where_somebody_changed_the_port_s_settings_who_has_the_line_and_who_wai
         wire.answers = [(0.001, PROMPT)]
         for _ in range(2):
             async with session.turn():
-                assert wire.sent == b"\x15", "what was half typed is taken back first, and once"
+                assert bytes(wire.sent) == b"\x15", "what was half typed is taken back first, and once"
         wire.lose(Disturbed("stty while nobody has it"))
         with pytest.raises(Disturbed, match="nobody has it"):
             await waits()

@@ -6,8 +6,7 @@ import pytest
 
 from drivers.simcell.controller import Manners
 from drivers.val2.commands import signals
-from drivers.val2.errors import LineHeldBack
-from drivers.val2.link import ControllerError
+from drivers.val2.errors import ControllerError, LineHeldBack
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived
 from tests.unit.val2.test_link import quick
@@ -26,7 +25,7 @@ def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(timed_line:
         line = timed_line()
         async with line.link(quick()) as link:
             link.permission = Withheld()
-            link._session.talk._permission = link.permission  # type: ignore[union-attr]
+            link._session.talk._permission = link.permission
             await link.set_outputs([1, 2])
             await link.set_outputs([-1, 3])
             assert line.server._controller.machine.outputs == {2, 3}

@@ -18,7 +18,8 @@ from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import BRAKES_S, ControllerError, Link, LinkError, NoAnswer, Preempted, StopWordRefused
+from drivers.val2.errors import ControllerError, LinkError, NoAnswer, Preempted, StopWordRefused
+from drivers.val2.link import BRAKES_S, Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import ControllerQuestion
 from tests.fakes.memory_line import MemoryLine
@@ -305,10 +306,10 @@ def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_
     async def story() -> None:
         _, _, link = await under_way()
 
-        async def asks(*_: Any) -> ControllerQuestion:
+        async def asks(session: Any, talk: Any, before: bytes) -> ControllerQuestion:
             return ControllerQuestion(b"", "Are you sure (Y/N)?")
 
-        link._type_stop = asks  # type: ignore[method-assign]
+        link._type_stop = asks
         with pytest.raises(NoAnswer):
             await link.stop_motion()
 

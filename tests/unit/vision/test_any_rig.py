@@ -13,7 +13,7 @@ from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig
 from daemon.vision.hypotheses import directional_edge_map
-from daemon.vision.image import VisionError, open_stereo
+from daemon.vision.image import VisionError, open_stereo, stretch_slopes
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
@@ -52,7 +52,7 @@ def moved_anywhere(rng: np.random.Generator) -> StereoRig:
 
 def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     places = 0
-    hits, slopes = directional_edge_map.DirectionalEdgeMap.hits, edge_samples.stretch_slopes
+    hits, slopes = directional_edge_map.DirectionalEdgeMap.hits, stretch_slopes
 
     def counted_hits(seen, way, x, y):
         nonlocal places

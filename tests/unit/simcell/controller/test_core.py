@@ -9,8 +9,8 @@ from drivers.simcell.controller import Controller, Faults, LineFault, Manners, M
 from drivers.simcell.controller.machine import PENDANT
 from drivers.simcell.controller.manners import drawn
 from drivers.simcell.history import CONTROL_C, GripperRecord, MotionRecord, StopRecord
-from drivers.val2.location import apart, location_from_matrix
-from drivers.val2.wire import Location, Prompt, Reader, WhereTable
+from drivers.val2.location import Location, apart, location_from_matrix
+from drivers.val2.wire import Prompt, Reader, WhereTable
 from tests.bench.fuzz_val2 import fuzz_controller, fuzz_reader, pieces
 
 TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"

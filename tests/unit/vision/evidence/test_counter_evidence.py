@@ -138,7 +138,7 @@ def test_edges_that_the_part_itself_hides_count_not_at_all() -> None:
     seen = samples(L_BLOCK, INTO_THE_L, images_of("l_block"))
     assert missing_share(seen) < 0.01
     ends = exact(L_BLOCK.corners_mm, L_BLOCK.facets).lines[0]
-    faces_camera = [one.visible.any(1) for one in seen]
+    faces_camera = [np.any(one.visible, axis=1) for one in seen]
     hidden = [(~one.visible & shown[:, None]).sum() for one, shown in zip(seen, faces_camera, strict=True)]
     assert len(ends) == 18
     assert sum(hidden) > 20, "the pose hides nothing: choose another"
@@ -153,7 +153,7 @@ def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPat
         *painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig()
     )
     seen = samples(BLOCK, WHERE, images)
-    inner = np.concatenate([one.there[(one.weight < 1) & one.visible.any(1)] for one in seen])
+    inner = np.concatenate([one.there[(one.weight < 1) & np.any(one.visible, axis=1)] for one in seen])
     assert inner.mean() < 0.2, "the edges between the facets show"
     assert missing_share(seen) < 0.01
     assert missing_in_both_px(seen) == 0.0
@@ -218,7 +218,7 @@ def test_near_twins_that_were_never_taught_have_no_name(family: str, seed: int, 
 def test_the_fit_finds_what_a_table_was_drawn_by() -> None:
     rng = np.random.default_rng(1)
     drawn = rng.uniform(0, 1, (20_000, 4)) * [0.1, 60.0, 60.0, 20.0]
-    against = [CounterEvidence(*map(float, one)) for one in drawn]
+    against = [CounterEvidence(a, b, c, d) for a, b, c, d in drawn.tolist()]
     odds = np.array([one.terms for one in against]) @ [0.5, 0.8, 1.5, 2.0] - 10.0
     twin = rng.random(len(odds)) < 1 / (1 + np.exp(-odds))
     fit = fitted([Seen("", "", "", not t, one) for t, one in zip(twin, against, strict=True)])

@@ -39,14 +39,14 @@ def model() -> Model:
 def shown(where, cut_px: int):
     """The box, and so much of both pictures cut away on the left."""
     body = Body(BOX.corners_mm, BOX.facets)
-    pictures = [np.ascontiguousarray(image[:, cut_px:]) for image in print_pair(body, where, 3, printed=False)]
+    left, right = (np.ascontiguousarray(image[:, cut_px:]) for image in print_pair(body, where, 3, printed=False))
     whole = straight_rig()
     images = []
     for camera in (whole.left, whole.right):
         matrix = camera.matrix.copy()
         matrix[0, 2] -= cut_px
         images.append(replace(camera, matrix=matrix))
-    return pictures, StereoRig(images[0], images[1], (whole.image_size[0] - cut_px, whole.image_size[1]))
+    return (left, right), StereoRig(images[0], images[1], (whole.image_size[0] - cut_px, whole.image_size[1]))
 
 
 def seen_at(where, rig: StereoRig):
@@ -62,13 +62,13 @@ def cut_by(where, share: float) -> int:
 
 def both(where, share: float) -> StereoImages:
     pictures, rig = shown(where, cut_by(where, share))
-    return open_stereo(*pictures, rig)
+    return open_stereo(pictures[0], pictures[1], rig)
 
 
 @pytest.mark.parametrize("share", [0.06, 0.15])
 def test_a_part_of_which_a_corner_leaves_the_picture_is_named(share: float) -> None:
     pictures, rig = shown(CORNER_FIRST, cut_by(CORNER_FIRST, share))
-    (part,) = [one for one in look(*pictures, rig, model()).parts if one.named]
+    (part,) = [one for one in look(pictures[0], pictures[1], rig, model()).parts if one.named]
     off = frames.apply(part.cyclopean_from_part, model().metric["box"].solid.corners_mm)
     true = frames.apply(CORNER_FIRST, BOX.corners_mm)
     assert np.linalg.norm(off[:, None] - true, axis=2).min(1).max() < 1.5
@@ -76,7 +76,7 @@ def test_a_part_of_which_a_corner_leaves_the_picture_is_named(share: float) -> N
 
 def test_a_part_that_could_be_longer_outside_the_picture_is_not_named() -> None:
     pictures, rig = shown(END_ON, cut_by(END_ON, 0.25))
-    assert not any(one.named for one in look(*pictures, rig, model()).parts)
+    assert not any(one.named for one in look(pictures[0], pictures[1], rig, model()).parts)
 
 
 def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_in_view() -> None:
@@ -108,6 +108,6 @@ def test_print_outside_the_picture_says_nothing() -> None:
 def test_the_name_of_a_part_that_leaves_the_picture_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
     pictures, rig = shown(CORNER_FIRST, cut_by(CORNER_FIRST, 0.15))
     monkeypatch.setattr(group_recognition, "MIN_PROBABILITY", 1.1)  # facets name nothing
-    assert any(one.named for one in look(*pictures, rig, model()).parts)
+    assert any(one.named for one in look(pictures[0], pictures[1], rig, model()).parts)
     monkeypatch.setattr(by_edges, "LEAST_CUT_OFF", 1.1)
-    assert not any(one.named for one in look(*pictures, rig, model()).parts)
+    assert not any(one.named for one in look(pictures[0], pictures[1], rig, model()).parts)

@@ -36,7 +36,8 @@ def model() -> Model:
     library = load_facets()
     bodies = {"pyramid": PYRAMID, "cube": CUBE, "triangular_prism": TRIANGULAR}
     drawn = [
-        (name, solid_drawn(f"{name}.obj", obj(b.corners_mm, b.facets), "mm", library)) for name, b in bodies.items()
+        (name, solid_drawn(f"{name}.obj", obj(b.corners_mm, list(b.facets)), "mm", library))
+        for name, b in bodies.items()
     ]
     return learn_solids(empty_model(library), [(name, solid, name) for name, solid in drawn])
 

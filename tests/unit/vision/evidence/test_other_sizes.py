@@ -87,8 +87,8 @@ def radius_nats(share: float, *, beside_mm: float = 0.0) -> float:
             WHERE[:3, :3] @ rim.normal,
             share * rim.radius_mm,
             spread,
-            None,  # type: ignore[arg-type]
-            None,  # type: ignore[arg-type]
+            None,
+            None,
         )
         for rim in rims_of(with_round_ends())
     ]

@@ -23,7 +23,7 @@ from tests.fakes.drawn import block, obj, prism
 from tests.fakes.machined import drawing, drawing_from_taught, taught_from
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
-from tests.fakes.solids import KNOWN, pose
+from tests.fakes.solids import KNOWN, Body, pose
 
 RADIUS, LONG, HIGH = 16.0, 24.0, 20.0
 QUARTERS = [np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), k) for k in range(4)]
@@ -148,6 +148,7 @@ def test_a_disc_is_no_hole_in_its_own_outline_of_straight_sides() -> None:
 
 
 def test_polyhedra_have_no_arcs() -> None:
-    for body in (*KNOWN.values(), block(50.0, 40.0, 30.0)):
+    bodies: list[Body | Polyhedron] = [*KNOWN.values(), block(50.0, 40.0, 30.0)]
+    for body in bodies:
         images = open_stereo(*paint_pair([(body, TOWARDS)], np.random.default_rng(5), rig()), rig())
         assert round_facets(images, VisionSettings()) == []

@@ -12,7 +12,7 @@ from daemon.vision.facets.many_looks.association import (
 )
 
 SQUARE = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
-RING = [(0, 1, 2, 3)]
+RING: list[tuple[int, ...]] = [(0, 1, 2, 3)]
 SURE = np.repeat(0.05**2 * np.eye(3)[None], 4, axis=0)
 
 
@@ -38,7 +38,7 @@ def test_a_corner_hardly_known_moves_none_that_is_known_whatever_the_order_of_th
 
 
 def test_corners_of_two_facets_of_one_look_are_one_where_another_look_says_so_but_not_those_of_one_outline() -> None:
-    twice, rings = np.vstack([SQUARE, SQUARE + 0.3]), [(0, 1, 2, 3), (4, 5, 6, 7)]
+    twice, rings = np.vstack([SQUARE, SQUARE + 0.3]), [*RING, (4, 5, 6, 7)]
     both, surer = np.vstack([SURE, SURE]), SURE / 4
     (alone,) = match_corners([twice], [both], [rings])
     assert len(set(alone.tolist())) == 8

@@ -20,7 +20,9 @@ from tests.fakes.solids import CUBE
 
 def table_at(distance_mm: float, tilt: float, roll: float) -> Array:
     """cyclopean_from_table, x y in the table: tilted about the cameras' x, and that turned by the roll."""
-    turn = frames.rotation_from_vector(np.array([0.0, 0.0, roll])) @ frames.rotation_from_vector([tilt, 0.0, 0.0])
+    turn = frames.rotation_from_vector(np.array([0.0, 0.0, roll])) @ frames.rotation_from_vector(
+        np.array([tilt, 0.0, 0.0])
+    )
     return frames.rigid(turn, np.array([0.0, 0.0, distance_mm]))
 
 
@@ -90,8 +92,8 @@ def test_threads_along_the_baseline_say_nothing_of_the_distance() -> None:
 
 def test_noise_is_no_table() -> None:
     rng = np.random.default_rng(5)
-    noise = [rng.integers(0, 255, (480, 640)).astype(np.uint8) for _ in range(2)]
-    assert estimate_table(open_stereo(*noise, straight_rig())) is None
+    left, right = rng.integers(0, 255, (2, 480, 640)).astype(np.uint8)
+    assert estimate_table(open_stereo(left, right, straight_rig())) is None
 
 
 @pytest.mark.parametrize(
@@ -160,7 +162,7 @@ def test_grain_at_a_slant_is_seen_by_upright_cameras_and_by_others_where_the_tab
     found = estimate_table(images)
     assert (found is not None) == upright
     up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
-    known = TablePlane(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
+    known = TablePlane(up / np.linalg.norm(up), -1.0 / float(np.linalg.norm(up)))
     assert estimate_table(images, known).up @ known.up > np.cos(np.radians(1.0))
 
 

@@ -34,7 +34,7 @@ def test_two_blocks_of_twenty_that_lie_by_far_hardly_pull(seed):
     off[0, rng.choice(20, 2, replace=False)] += 40.0
     plain = solve(rows, off, use, 1e-9 * np.eye(6)).unknowns
     robust = solve(rows, off, use, 1e-9 * np.eye(6), passes=20).unknowns
-    assert np.linalg.norm(robust - truth) < max(0.3 * np.linalg.norm(plain - truth), 0.5)
+    assert np.linalg.norm(robust - truth) < max(0.3 * float(np.linalg.norm(plain - truth)), 0.5)
 
 
 @given(seed=seeds, batch=st.integers(2, 5), passes=st.integers(1, 4))

@@ -20,10 +20,10 @@ OUTLINES = 3
 """That go through each corner of a part: a facet's, its neighbour's, another effort's."""
 
 
-def seen_by_both(truth: StereoRig) -> list[Array]:
+def seen_by_both(truth: StereoRig) -> tuple[Array, Array]:
     """A cube's corners in either camera."""
     cube = CUBE @ frames.rotation_from_vector(np.array([0.4, 0.7, 0.2])).T + AT_MM
-    return [camera.project(cube) for camera in (truth.left, truth.right)]
+    return truth.left.project(cube), truth.right.project(cube)
 
 
 def named(confidence: float) -> Part:

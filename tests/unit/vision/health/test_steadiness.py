@@ -41,7 +41,7 @@ def test_a_rolling_shutter_is_measured_whatever_the_perspective_and_a_global_one
 )
 def test_what_changes_in_a_still_scene_is_named(faults: Callable[[int], dict[str, float]], told: str) -> None:
     rng, times = np.random.default_rng(4), np.arange(10) / FPS
-    images = [frame(lambda _: 0.0, t, rng, **faults(k)) for k, t in enumerate(times)]  # type: ignore[arg-type]
+    images = [frame(lambda _: 0.0, t, rng, **faults(k)) for k, t in enumerate(times)]
     found = measure_steadiness(images, times.tolist())
     assert [line[: len(told)] for line in found.faults()] == ([told] if told else [])
     assert np.isnan(found.readout_s), "nothing moved"

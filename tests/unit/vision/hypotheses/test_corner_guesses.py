@@ -126,9 +126,8 @@ def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     found, could = guessed("cube", SolidBatch.of(()))
     assert len(found.poses) == could == 0
     images = images_of("cube")
-    none = meet(*(segment_corners(view.segments) for view in images.views), images.geometry).chosen(
-        np.zeros(0, np.intp)
-    )
+    left, right = (segment_corners(view.segments) for view in images.views)
+    none = meet(left, right, images.geometry).chosen(np.zeros(0, np.intp))
     maps = edge_distances(images.left), edge_distances(images.right)
     found, _, could = poses_from_junctions(none, images.geometry, maps, solids(1.0))
     assert found.poses.shape == (0, 4, 4)

@@ -32,7 +32,9 @@ SPREAD = np.diag([0.3**2] * 3 + [np.radians(0.4) ** 2] * 3)
 def height_and_tilt(where: Array) -> tuple[float, float]:
     """Of the cube's lowest side over the table, mm, and against it, degrees."""
     low = frames.apply(where, SOLID.corners_mm[SOLID.corners_mm[:, 2] < 1.0].mean(0))
-    return float(TABLE.up @ low - TABLE.level_mm), float(np.degrees(np.arccos(min(where[:3, 2] @ TABLE.up, 1.0))))
+    return float(TABLE.up @ low - TABLE.level_mm), float(
+        np.degrees(np.arccos(min(float(where[:3, 2] @ TABLE.up), 1.0)))
+    )
 
 
 @given(st.integers(0, 10_000))

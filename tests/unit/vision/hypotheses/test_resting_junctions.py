@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.table_plane import TablePlane
-from daemon.vision.geometry import Polyhedron, baseline, exact
+from daemon.vision.geometry import Polyhedron, baseline, basis, exact
 from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses import resting_junctions
 from daemon.vision.hypotheses.directional_edge_map import edge_distances
@@ -113,9 +113,7 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     )
     best = np.inf
     for k, place, one, other in zip(which, at, *ways, strict=True):
-        from_corner = frames.rigid(
-            turned @ resting_junctions.basis(one[None], other[None])[0], turned @ place + viewpoint_mm
-        )
+        from_corner = frames.rigid(turned @ basis(one[None], other[None])[0], turned @ place + viewpoint_mm)
         off = frames.apply(from_corner @ taught.taught.corner_from_part[taught.corner[k]], solid.corners_mm)
         best = min(best, np.linalg.norm(off[:, None] - frames.apply(where, solid.corners_mm), axis=2).min(1).max())
     assert best < 2.5  # a degree of slope or bearing over the length of a part, and which of two sides it is

@@ -47,7 +47,7 @@ def turned_best(guess: Array, hinge: Array) -> Array:
 def test_a_guess_is_turned_about_its_hinge_to_where_the_part_is(by: float) -> None:
     corner = frames.apply(WHERE, PYRAMID.corners_mm)[0]
     hinge = np.stack([corner, np.cross(corner, [0.0, 1.0, 0.0]) / np.linalg.norm(np.cross(corner, [0.0, 1.0, 0.0]))])
-    found = turned_best(about(*hinge, np.radians(by)) @ WHERE, hinge)
+    found = turned_best(about(hinge[0], hinge[1], np.radians(by)) @ WHERE, hinge)
     assert frames.angle_between(found, WHERE) < np.radians(5.0)
     assert frames.apply(found, PYRAMID.corners_mm[:1])[0] == pytest.approx(corner)
 
@@ -68,7 +68,7 @@ def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_camera() -> 
         own = int(np.linalg.norm(frames.apply(guess, PYRAMID.corners_mm) - hinge[0], axis=1).argmin())
         ends = [a if b == own else b for a, b in PYRAMID.lines[0].tolist() if own in (a, b)]
         assert frames.apply(guess, PYRAMID.corners_mm[own : own + 1])[0] == pytest.approx(hinge[0])
-        poses = guess, about(*hinge, 0.02) @ guess
+        poses = guess, about(hinge[0], hinge[1], 0.02) @ guess
         before, after = (geometry.project(frames.apply(p, PYRAMID.corners_mm)) for p in poses)
         by_camera.append(
             [sorted(angle(b[ends] - b[own], a[ends] - a[own]))[1] for b, a in zip(before, after, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,7 @@ WEDGE = prism(np.array([[0.0, 0], [64, 0], [52, 38], [9, 47]]), 30.0)
 ROUND = [(1.0, 0.3, 0.6), (0.3, 1.0, 0.6), (-1.0, 0.3, 0.6), (-0.3, -1.0, 0.6), (0.8, -0.7, -0.6), (-0.7, 0.8, -0.6)]
 
 
-def views(body: Body, directions: list[tuple[float, ...]], seed: int, noise: float = NOISE) -> list[Polyhedron]:
+def views(body: Body, directions: Sequence[tuple[float, ...]], seed: int, noise: float = NOISE) -> list[Polyhedron]:
     """What looks from these directions show, each in the frame of its own look."""
     rng = np.random.default_rng(seed)
     found = []

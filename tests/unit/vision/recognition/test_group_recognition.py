@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,11 +102,11 @@ def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
 
 
 def rolled(facet: Facet, by: int) -> Facet:
-    return Facet(
-        *(np.roll(getattr(facet, name), by, axis=0) for name in
-          ("corners_mm", "covariance_mm2", "left_px", "right_px", "epipolar_px")),
-        facet.planarity_mm,
-    )  # fmt: skip
+    turned: dict[str, Any] = {
+        name: np.roll(getattr(facet, name), by, axis=0)
+        for name in ("corners_mm", "covariance_mm2", "left_px", "right_px", "epipolar_px")
+    }
+    return replace(facet, **turned)
 
 
 def test_two_rectangles_of_a_triangular_prism_are_not_a_pentagonal_prism() -> None:

@@ -139,7 +139,8 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     rng, shape = np.random.default_rng(1), shape_of("cube")
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
-    images = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
+    left, right = (np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft)
+    images = open_stereo(left, right, rig())
     assert (fit_by_edges(shape, images, where, 5.0) is not None) == followed
 
 

@@ -155,4 +155,4 @@ def test_without_nodes_or_without_touching_facets_there_is_still_an_answer(top):
 
 def test_an_unknown_scope_is_refused_by_name():
     with pytest.raises(ParameterError, match="scope: expected one of all, occupied"):
-        best_numbering(np.zeros((2, 2)), np.zeros((1, 6, 6)), scope="some")
+        best_numbering(np.zeros((2, 2)), np.zeros((1, 6, 6)), scope="some")  # type: ignore[arg-type]  # what it refuses
