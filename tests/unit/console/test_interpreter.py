@@ -22,7 +22,7 @@ from tests.fakes.fake_context import FakeFrontend, fake_context
 
 
 def say(context: object, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
-    console = Interpreter(context, every_command("simulated"))  # type: ignore[arg-type]
+    console = Interpreter(context, every_command("simulated"))
     return asyncio.run(console.interpret(text, frontend or FakeFrontend()))
 
 
@@ -248,7 +248,7 @@ def test_every_answer_is_json_too(context: object) -> None:
 def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(context: object) -> None:
     say(context, "enable", FakeFrontend(name="terminal", who="anna"))
     say(context, "status")
-    assert context.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]  # type: ignore[attr-defined]
+    assert context.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]
 
 
 @pytest.mark.parametrize(
@@ -258,8 +258,8 @@ def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context
     answer = say(context, text, FakeFrontend(may="look"))
     assert answer.status == 1
     assert "is read-only" in answer.text
-    assert context.cycle.told == []  # type: ignore[attr-defined]
-    assert context.log.records == []  # type: ignore[attr-defined]
+    assert context.cycle.told == []
+    assert context.log.records == []
 
 
 @pytest.mark.parametrize("text", ["disable", "pause"])
@@ -276,18 +276,18 @@ def test_and_gives_none_back_be_it_after_its_own_pause(context: object, text: st
 def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(context: object) -> None:
     answer = say(context, "stop at once please!!", FakeFrontend(may="look"))
     assert answer.status == 0
-    assert context.cycle.told == ["stop by tester"]  # type: ignore[attr-defined]
+    assert context.cycle.told == ["stop by tester"]
 
 
 def test_what_the_cycle_refuses_is_an_answer_with_its_words(context: object) -> None:
-    context.cycle.refuse_with = "the arm is not enabled: type `enable`"  # type: ignore[attr-defined]
+    context.cycle.refuse_with = "the arm is not enabled: type `enable`"
     answer = say(context, "go home")
     assert (answer.status, answer.text) == (1, "the arm is not enabled: type `enable`")
     assert answer.data["error"] == answer.text
 
 
 def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(context: object) -> None:
-    context.trainer.model_store.views = None  # type: ignore[attr-defined]
+    context.trainer.model_store.views = None
     answer = say(context, "views")
     assert answer.status == 1
     assert "internal error in facetd: TypeError" in answer.text
@@ -417,11 +417,11 @@ def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_
 
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
 def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: object, said: str, told: str) -> None:
-    context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"  # type: ignore[attr-defined]
+    context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"
     frontend = FakeFrontend(answers=[said, "n"])
     say(context, "go home", frontend)
     assert frontend.asked == ["home: joints to 420 0 60 at 100 %. Send it? [y/n]"]
-    assert context.cycle.told == ["go home", told]  # type: ignore[attr-defined]
+    assert context.cycle.told == ["go home", told]
 
 
 def test_a_view_that_is_not_there_is_told_before_anybody_is_asked_whether_to_remove_it(context: Any) -> None:
@@ -434,10 +434,10 @@ def test_a_view_that_is_not_there_is_told_before_anybody_is_asked_whether_to_rem
 
 
 def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
-    console = Interpreter(context, every_command())  # type: ignore[arg-type]
+    console = Interpreter(context, every_command())
     assert console.complete("ste") == ["step"]
     assert console.complete("teach cube --") == ["teach cube --around", "teach cube --mesh"]
-    context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 2, 11)]  # type: ignore[attr-defined]
+    context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 2, 11)]
     assert console.complete("forget cube 1") == ["forget cube 1", "forget cube 11"]
     assert console.complete("model u") == ["model use"]
     assert console.complete("pick ") == ["pick cube"]
@@ -466,7 +466,7 @@ def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_mo
     context: object, name: str
 ) -> None:
     assert "is read-only" in say(context, name, FakeFrontend(may="look")).text
-    assert context.cycle.told == []  # type: ignore[attr-defined]
+    assert context.cycle.told == []
 
 
 @pytest.mark.parametrize(("stopping", "told"), [(True, "not confirmed at rest yet"), (False, "nothing moves until")])
