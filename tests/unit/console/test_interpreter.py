@@ -21,13 +21,13 @@ from daemon.events.pick_order import PickOrder
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
 
-def say(context: object, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
+def say(context: Any, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
     console = Interpreter(context, every_command("simulated"))
     return asyncio.run(console.interpret(text, frontend or FakeFrontend()))
 
 
 @pytest.fixture
-def context(tmp_path: Path) -> object:
+def context(tmp_path: Path) -> Any:
     return fake_context(tmp_path)
 
 
@@ -62,7 +62,7 @@ def context(tmp_path: Path) -> object:
     ],
 )
 def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
-    context: object, text: str, want: str, status: int
+    context: Any, text: str, want: str, status: int
 ) -> None:
     answer = say(context, text)
     assert answer.text == want
@@ -137,11 +137,11 @@ def test_resume_at_a_frontend_that_cannot_ask_moves_nothing(context: Any) -> Non
 
 
 @pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
-def test_case_and_unambiguous_abbreviations_are_accepted(context: object, word: str) -> None:
+def test_case_and_unambiguous_abbreviations_are_accepted(context: Any, word: str) -> None:
     assert "2 of 3 picked" in say(context, word).text
 
 
-def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) -> None:
+def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: Any) -> None:
     answer = say(context, "res")
     assert answer.status == 0, "only resume begins so"
     answer = say(context, "st")
@@ -149,7 +149,7 @@ def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) ->
     assert "no such command" in answer.text
 
 
-def test_help_names_every_command_and_help_of_one_tells_its_usage(context: object) -> None:
+def test_help_names_every_command_and_help_of_one_tells_its_usage(context: Any) -> None:
     every = say(context, "help all").text
     for one in every_command("simulated"):
         assert one.usage in " ".join(every.split())
@@ -158,7 +158,7 @@ def test_help_names_every_command_and_help_of_one_tells_its_usage(context: objec
     assert "did you mean teach" in say(context, "help tech").text
 
 
-def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: object) -> None:
+def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: Any) -> None:
     first = say(context, "help").text.splitlines()
     assert len(first) <= 10
     assert max(map(len, first)) < 40, "no line folds on forty columns"
@@ -166,7 +166,7 @@ def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: object) 
     assert say(context, "?").text == say(context, "h").text == say(context, "help").text
 
 
-def test_a_long_help_of_one_command_is_shown_page_by_page(context: object) -> None:
+def test_a_long_help_of_one_command_is_shown_page_by_page(context: Any) -> None:
     """On a serial terminal of 24 lines the usage of `calibrate` had scrolled away."""
     frontend = FakeFrontend(answers=[" "] * 5, columns=40, rows=24)
     answer = say(context, "help calibrate", frontend)
@@ -177,7 +177,7 @@ def test_a_long_help_of_one_command_is_shown_page_by_page(context: object) -> No
 
 @pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 24), (79, 10)])
 def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
-    context: object, columns: int, rows: int
+    context: Any, columns: int, rows: int
 ) -> None:
     frontend = FakeFrontend(answers=[" "] * 50, columns=columns, rows=rows)
     answer = say(context, "help all", frontend)
@@ -215,7 +215,7 @@ def test_a_switch_without_on_or_off_tells_how_it_is_and_switches_nothing(context
     assert context.cycle.told == []
 
 
-def test_auto_wait_without_an_auto_says_so(context: object) -> None:
+def test_auto_wait_without_an_auto_says_so(context: Any) -> None:
     answer = say(context, "auto wait")
     assert (answer.text, answer.status) == ("auto is not running; `auto on` starts it", 1)
 
@@ -239,13 +239,13 @@ def test_another_model_amid_an_auto_is_asked_about_and_refused_where_nobody_can_
     assert len(taken) == 1
 
 
-def test_every_answer_is_json_too(context: object) -> None:
+def test_every_answer_is_json_too(context: Any) -> None:
     for text in ("status", "help", "parts", "help pick", "enable", "nonsense"):
         answer = say(context, text)
         json.dumps(answer.data)
 
 
-def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(context: object) -> None:
+def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(context: Any) -> None:
     say(context, "enable", FakeFrontend(name="terminal", who="anna"))
     say(context, "status")
     assert context.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]
@@ -254,7 +254,7 @@ def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(conte
 @pytest.mark.parametrize(
     "text", ["pick cube", "enable", "teach cube", "train", "go home", "robot monitor WHERE", "reload"]
 )
-def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context: object, text: str) -> None:
+def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context: Any, text: str) -> None:
     answer = say(context, text, FakeFrontend(may="look"))
     assert answer.status == 1
     assert "is read-only" in answer.text
@@ -263,30 +263,30 @@ def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context
 
 
 @pytest.mark.parametrize("text", ["disable", "pause"])
-def test_a_frontend_that_may_only_look_may_take_motion_away(context: object, text: str) -> None:
+def test_a_frontend_that_may_only_look_may_take_motion_away(context: Any, text: str) -> None:
     assert "is read-only" not in say(context, text, FakeFrontend(may="look")).text
 
 
 @pytest.mark.parametrize("text", ["resume", "enable"])
-def test_and_gives_none_back_be_it_after_its_own_pause(context: object, text: str) -> None:
+def test_and_gives_none_back_be_it_after_its_own_pause(context: Any, text: str) -> None:
     say(context, "pause", FakeFrontend(may="look"))
     assert "is read-only" in say(context, text, FakeFrontend(may="look")).text
 
 
-def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(context: object) -> None:
+def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(context: Any) -> None:
     answer = say(context, "stop at once please!!", FakeFrontend(may="look"))
     assert answer.status == 0
     assert context.cycle.told == ["stop by tester"]
 
 
-def test_what_the_cycle_refuses_is_an_answer_with_its_words(context: object) -> None:
+def test_what_the_cycle_refuses_is_an_answer_with_its_words(context: Any) -> None:
     context.cycle.refuse_with = "the arm is not enabled: type `enable`"
     answer = say(context, "go home")
     assert (answer.status, answer.text) == (1, "the arm is not enabled: type `enable`")
     assert answer.data["error"] == answer.text
 
 
-def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(context: object) -> None:
+def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(context: Any) -> None:
     context.trainer.model_store.views = None
     answer = say(context, "views")
     assert answer.status == 1
@@ -416,7 +416,7 @@ def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_
 
 
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
-def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: object, said: str, told: str) -> None:
+def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: Any, said: str, told: str) -> None:
     context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"
     frontend = FakeFrontend(answers=[said, "n"])
     say(context, "go home", frontend)
@@ -433,7 +433,7 @@ def test_a_view_that_is_not_there_is_told_before_anybody_is_asked_whether_to_rem
     assert frontend.asked == []
 
 
-def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
+def test_completion_offers_commands_and_then_what_they_can_be_given(context: Any) -> None:
     console = Interpreter(context, every_command())
     assert console.complete("ste") == ["step"]
     assert console.complete("teach cube --") == ["teach cube --around", "teach cube --mesh"]
@@ -463,7 +463,7 @@ ENDS_MOTION = ("stop", "disable", "abort", "pause")
     "name", [c.name for c in every_command("simulated") if c.does([]) != "look" and c.name not in ENDS_MOTION]
 )
 def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_motion(
-    context: object, name: str
+    context: Any, name: str
 ) -> None:
     assert "is read-only" in say(context, name, FakeFrontend(may="look")).text
     assert context.cycle.told == []
