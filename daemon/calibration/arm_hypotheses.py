@@ -28,16 +28,22 @@ class Convention:
 
 def about_z(angle: Array | float) -> Array:
     """Rotation matrices (..., 3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, i], -1)], -2)
+    return _turned(angle, 0, 1)
 
 
 def about_y(angle: Array | float) -> Array:
     """Rotation matrices (..., 3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
+    return _turned(angle, 2, 0)
+
+
+def _turned(angle: Array | float, first: int, second: int) -> Array:
+    """The rotations that turn the first axis towards the second. Filled in place: each trial of a fit makes many."""
+    turn = np.zeros((*np.shape(angle), 3, 3))
+    turn[..., first, first] = turn[..., second, second] = np.cos(angle)
+    turn[..., second, first] = np.sin(angle)
+    turn[..., first, second] = -turn[..., second, first]
+    turn[..., 3 - first - second, 3 - first - second] = 1.0
+    return turn
 
 
 def arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:

@@ -88,10 +88,12 @@ def test_a_file_too_large_is_not_read_and_not_taken_before_it_is_all_there(
         file.truncate(LONGEST_FILE + 1)
     unread = said(tmp_path, do(f"digest {tmp_path}/huge"))
     assert (unread["status"], "huge: too large: 8 MB" in unread["text"]) == (2, True)
-    monkeypatch.setattr("daemon.frontends.client.LONGEST_FILE", 2 * LONGEST_FILE)
-    done = said(tmp_path, do(f"digest {tmp_path}/huge"))
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(1_000_001)
+    monkeypatch.setattr("daemon.frontends.socket_server.LONGEST_FILE", 1_000_000)
+    done = said(tmp_path, do(f"digest {tmp_path}/large"))
     assert done["status"] == 1
-    assert "8 MB at most" in done["text"]
+    assert "1 MB at most" in done["text"]
 
 
 def test_an_operator_who_goes_away_instead_of_sending_it_ends_the_command(tmp_path: Path) -> None:
