@@ -462,9 +462,7 @@ ENDS_MOTION = ("stop", "disable", "abort", "pause")
 @pytest.mark.parametrize(
     "name", [c.name for c in every_command("simulated") if c.does([]) != "look" and c.name not in ENDS_MOTION]
 )
-def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_motion(
-    context: Any, name: str
-) -> None:
+def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: Any, name: str) -> None:
     assert "is read-only" in say(context, name, FakeFrontend(may="look")).text
     assert context.cycle.told == []
 

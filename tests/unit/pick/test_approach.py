@@ -11,8 +11,8 @@ from daemon import frames
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach, pose_fusion, take
+from daemon.pick.grippers.two_fingers import FingerGrasp
 from daemon.pick.transitions import PickEvent, PickState
-from daemon.pick.two_fingers import FingerGrasp
 from daemon.pick.world import SuspectError
 from daemon.vision.model import Axis
 from tests.fakes.fake_cell import one_part
@@ -183,7 +183,7 @@ def test_a_part_whose_turn_does_not_show_along_the_approach_is_looked_at_from_a_
 def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_said(monkeypatch, place):
     context, world = begun(one_part())
     brought_to(PickState.ESTIMATING, context, world)
-    target, fused = world.the_target(), approach.pose_fusion.fuse
+    target, fused = world.the_target(), pose_fusion.fuse
     target.looks = context.settings.stops.most_looks
 
     def unturned(sightings, doubt):
@@ -191,7 +191,7 @@ def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_sa
         return replace(estimate, at_grasp=1e-6 * np.eye(6) + np.diag([0, 0, 0, 0, 0, 1.0]))
 
     way = SimpleNamespace(goal=SimpleNamespace(axis=None, place=SimpleNamespace(name=place)))
-    monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)
+    monkeypatch.setattr(pose_fusion, "fuse", unturned)
     monkeypatch.setattr(approach, "same_grasp", lambda *_, plan=target.plan: replace(plan, way=way))
     assert step(context, world, PickState.ESTIMATING) is PickEvent.GAVE_UP
     why = world.skipped[-1].why
