@@ -11,13 +11,14 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick import fused_objects, pose_fusion
+from daemon.pick import fused_objects
 from daemon.pick.fused_objects import ONE_MM, known, outlines_of, telling, untaught_facets
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
+from daemon.vision import facets
 from daemon.vision.facets.many_looks.fusing import FusedLooks
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
@@ -122,7 +123,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
     """What fusing takes grew with the square of the looks: 28 s at the twentieth, in the event loop."""
     fused, tried = list[int](), 0
 
-    def fuse(looks: Any, shared: Doubt) -> Any:
+    def fuse(looks: Any, shared: Array) -> Any:
         fused.append(len(looks))
         return fuse_once(looks, shared)
 
@@ -131,7 +132,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
         tried += 1
         return on_face_once(*about)
 
-    fuse_once, on_face_once = pose_fusion.fuse, fused_objects.share_on_face
+    fuse_once, on_face_once = facets.fuse, fused_objects.share_on_face
     monkeypatch.setattr(fused_objects, "fuse", fuse)
     monkeypatch.setattr(fused_objects, "share_on_face", on_face)
     for count in (5, 40):
