@@ -67,6 +67,13 @@ async def interrupted(world: World, supervisor: Supervisor, act, name: str = "mo
     raise AssertionError("nothing stopped it")
 
 
+def waits_for(event: asyncio.Event) -> Callable[[], Coroutine[Any, Any, None]]:
+    async def waits() -> None:
+        await event.wait()
+
+    return waits
+
+
 STOPS = [
     (lambda s: s.stop("by hand"), "stopped by hand", JobEvent.STOP),
     (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair", JobEvent.ERROR),
@@ -77,13 +84,6 @@ STOPS = [
 
 
 @pytest.mark.parametrize(("act", "fault", "what"), STOPS)
-def waits_for(event: asyncio.Event) -> Callable[[], Coroutine[Any, Any, None]]:
-    async def waits() -> None:
-        await event.wait()
-
-    return waits
-
-
 def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_what_it_was(act, fault, what):
     world, supervisor, heard = supervised()
     error = lived(interrupted(world, supervisor, lambda: act(supervisor)))
