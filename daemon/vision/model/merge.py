@@ -145,14 +145,18 @@ def _owners(whole: Polyhedron, moved: Array, spread: Array, correspondence: Corr
     new = len(whole.corners_mm)
     for k in np.nonzero(owners < 0)[0]:
         apart = {j: float(np.linalg.norm(whole.corners_mm[j] - moved[k])) for j in free}
-        near = min(apart, key=lambda j: apart[j], default=-1)
-        doubt_mm = SIGMAS * float(np.sqrt(np.trace(whole.covariance_mm2[near] + spread[k])))
-        if near >= 0 and apart[near] < min(NEVER_MM, max(ALWAYS_MM, doubt_mm)):
+        near = min(apart, key=lambda j: apart[j], default=None)
+        if near is not None and apart[near] < _most_apart_mm(whole.covariance_mm2[near] + spread[k]):
             owners[k] = near
             free.discard(near)
         else:
             owners[k], new = new, new + 1
     return owners
+
+
+def _most_apart_mm(covariance: Array) -> float:
+    """How far two corners of one place may be measured from each other, by the sum (3, 3) of their covariances."""
+    return min(NEVER_MM, max(ALWAYS_MM, SIGMAS * float(np.sqrt(np.trace(covariance)))))
 
 
 def _spans(solid: Polyhedron) -> Array:

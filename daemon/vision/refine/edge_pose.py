@@ -148,15 +148,15 @@ def _project_unhidden_edges(
     if solids.shapes[0].convex:
         return both
     left, right = (
-        edges.only(
-            np.flatnonzero(
-                visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW
-            ),
-            solids.corners_of(0),
-        )
+        edges.only(np.flatnonzero(_in_view(solids, edges, poses, viewpoint_mm)), solids.corners_of(0))
         for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True)
     )
     return left, right
+
+
+def _in_view(solids: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array) -> Flags:
+    """(E,) which edges a camera at viewpoint_mm (3,) has in view, as far as each part does not hide its own."""
+    return np.asarray(visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW)
 
 
 def _hold_pose(observed: Sequence[EdgeObservation]) -> bool:
@@ -238,8 +238,9 @@ def expected_covariance(shape: Polyhedron, rig: StereoRig, poses: Array) -> Arra
     information = np.repeat(UNMEASURED[None], len(poses), 0)
     both = project_edges(solids, images, poses, np.ones(len(poses), bool), TOLERANCE_MM)
     for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True):
-        in_view = visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW
-        weight = (in_view & edges.sharp) / (EXPECTED_PX**2 + (OF_TOLERANCE * edges.doubt_px) ** 2)
+        weight = (_in_view(solids, edges, poses, viewpoint_mm) & edges.sharp) / (
+            EXPECTED_PX**2 + (OF_TOLERANCE * edges.doubt_px) ** 2
+        )
         each = np.einsum("eni,enj,e->eij", edges.jacobian, edges.jacobian, weight)
         np.add.at(information, edges.owner, each)
     return np.asarray(np.linalg.inv(information))
