@@ -76,8 +76,9 @@ ENDING = (
 """Signals that end a process unless it takes them: the arm is stopped first. Not those of a fault of the program, nor
 the watchdog's, which finds a loop that does not turn."""
 AT_WORK = "the controller was still carrying out a command from before this start; facetd stopped it (ABORT)"
-LOOK_S = 60.0
-"""Longest look, fusion or plan, on the slowest computer; after that facetd ends the worker process."""
+LOOK_S, SHARED_BY = 60.0, 4
+"""Longest look, fusion or plan, s, beside the look's budget of processor time; of a processor that others share, the
+worker gets one part in SHARED_BY. After that facetd ends the worker process."""
 STUDY_S, STUDY_IDLE_S = 3600.0, 60.0
 """Longest training, and how long its worker process stays for the next one."""
 RELOAD_S = 1.0
@@ -182,6 +183,7 @@ class Service:
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.trainer.memory = config.values.memory
             context.cycle.use(context.trainer.in_use)
+            context.worker.within_s = _look_limit_s(config)
             context.worker.prepare(context.trainer.in_use)
             context.troubles.report("calibration", None)
             report_moved(context)
@@ -267,7 +269,10 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._logged)
-        worker, study = self._workers = Worker("the look", LOOK_S), Worker("what is learnt", STUDY_S, STUDY_IDLE_S)
+        worker, study = self._workers = (
+            Worker("the look", _look_limit_s(config)),
+            Worker("what is learnt", STUDY_S, STUDY_IDLE_S),
+        )
         cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log, worker), trainer.in_use)
         cycle.use_places(place_table(config))
         signals, robot = config.values.signals, self._hardware.robot
@@ -450,6 +455,10 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
         ModelStore(config.state), calibration.rig, library, parts, values.vision, first, memory=values.memory
     )
     return config, calibration, trainer
+
+
+def _look_limit_s(config: Config) -> float:
+    return LOOK_S + SHARED_BY * config.values.vision.budget_s
 
 
 def _tool(config: Config) -> Matrix4:

@@ -75,6 +75,34 @@ def test_it_is_ready_answers_says_its_state_and_ends_cleanly(daemon: Daemon) -> 
     assert not (daemon.folder / "facetd.sock").exists()
 
 
+def test_a_look_is_waited_for_as_long_as_its_configured_budget_needs_on_a_shared_processor(folder: Path) -> None:
+    """A look with a budget of 60 s was ended after 60 s by the clock, where others used the processor as well."""
+    for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
+        shutil.copy(ETC / name, folder)
+    file = folder / "facetd.yaml"
+
+    def configure(budget_s: float) -> None:
+        file.write_text(
+            f"version: 1\nfolders: {{state: state, runtime: .}}\n{SIMULATED}vision: {{budget_s: {budget_s}}}\n"
+        )
+
+    async def waited_for() -> list[float]:
+        service, limits_s = Service(file, simulated=True), list[float]()
+        life = asyncio.create_task(service.run())
+        while service.context is None or not service._ready:
+            await asyncio.sleep(0)
+        limits_s.append(service.context.worker.within_s)
+        configure(10.0)
+        await service.reload()
+        limits_s.append(service.context.worker.within_s)
+        service.end("tried")
+        assert await life == 0
+        return limits_s
+
+    configure(60.0)
+    assert asyncio.run(waited_for()) == [300.0, 100.0]
+
+
 @pytest.mark.parametrize("name", ["TERM", "INT", "QUIT", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "IO", "PWR", "XCPU"])
 def test_no_signal_that_ends_a_process_ends_the_daemon_before_the_arm_is_stopped(name: str) -> None:
     """A `kill -USR1`, which many programs take for something harmless, ended it with the arm on its way."""
