@@ -8,6 +8,8 @@ of a motion command leaves (drivers/val2/conversation.py).
 from dataclasses import dataclass
 from enum import StrEnum
 
+from daemon.events.codes import BY_OPERATOR, FaultCause
+
 
 @dataclass(frozen=True)
 class Refusal:
@@ -15,6 +17,23 @@ class Refusal:
 
     rule: str
     text: str
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An active fault. text: a line for people; causes: that of the text's first words, then those of the faults that
+    joined it before `resume`."""
+
+    text: str
+    causes: tuple[FaultCause, ...] = (BY_OPERATOR,)
+
+    @property
+    def cause(self) -> FaultCause:
+        """The cause to remove first."""
+        return self.causes[0]
+
+    def __str__(self) -> str:
+        return self.text
 
 
 class Grant(StrEnum):
@@ -37,7 +56,7 @@ class MotionPermission:
     def __init__(self) -> None:
         self.stop_tests = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
-        self.fault: str | None = None
+        self.fault: Fault | None = None
         self.why = ""
         """The reason of the current or last stop."""
         self._grant, self._granted_with = Grant.NOTHING, 0

@@ -15,7 +15,7 @@ from daemon.arm.guard import Limits
 from daemon.arm.hold import PauseAndStep
 from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import OPERATOR_COMMAND, JobEvent, RefusedError
-from daemon.arm.permission import Grant
+from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import Workcell
@@ -48,8 +48,6 @@ class Supervisor:
         self.mover = Mover(cell, limits, arrival, self.hold.wait)
         self.fault_cause = BY_OPERATOR
         """The cause of the last stop; an alarm about that stop has the same cause."""
-        self.latched_cause = BY_OPERATOR
-        """The cause of the active fault; where a second fault joined it, of the first."""
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = ""
@@ -106,11 +104,16 @@ class Supervisor:
             self._heard_before = None
         return rests and not (self.busy or self.permission.stopping)
 
+    @property
+    def fault_text(self) -> str | None:
+        """The active fault as a line for people."""
+        return None if self.permission.fault is None else self.permission.fault.text
+
     def status(self) -> dict[str, Any]:
         """The state as JSON values. pending: the move, as text, that waits for confirm or refuse."""
         return {
             "doing": self._doing or None,
-            "fault": self.permission.fault,
+            "fault": self.fault_text,
             "stopping": self.permission.stopping,
             "enabled": self.permission.enabled,
             "by_hand_only": self.permission.typed_lines_only,
@@ -271,12 +274,11 @@ class Supervisor:
 
     def latch(self, fault: str, cause: FaultCause = BY_OPERATOR) -> None:
         """Make a fault active; nothing is sent to the arm."""
-        self.permission.fault, self.latched_cause = fault, cause
+        self.permission.fault = Fault(fault, (cause,))
 
     def _join(self, fault: str, cause: FaultCause) -> None:
         """Make a fault active beside one that is active already."""
-        text = _on_top_of(self.permission.fault, fault)
-        self.latch(text, cause if text == fault else self.latched_cause)
+        self.permission.fault = _joined(self.permission.fault, fault, cause)
 
     async def stop_arm(
         self, event: JobEvent, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
@@ -292,7 +294,7 @@ class Supervisor:
         self.permission.why = why
         self.mover.beliefs.void(VoidingEvent.STOPPED)
         self.stops += 1
-        if self._stopping.begin(self.permission.fault or why):
+        if self._stopping.begin(self.fault_text or why):
             self._reported.clear()
         # The next stop may cancel the caller; this stop is reported nevertheless.
         return await asyncio.shield(
@@ -332,7 +334,8 @@ class Supervisor:
             self._notify(lambda: self.mover.cell.log.record("rest", text=rests))
         else:
             self._alarmed_in = self._openings
-            self.latch(text, self.latched_cause)
+            active = self.permission.fault
+            self.permission.fault = Fault(text) if active is None else replace(active, text=text)
             self._report(JobEvent.ERROR, text, self.fault_cause)
 
     def _report(self, event: JobEvent, fault: str | None, cause: FaultCause) -> None:
@@ -409,7 +412,11 @@ class Supervisor:
             raise RefusedError(f"busy: {self._doing}; {what} only when that has ended: wait, or `abort`")
 
 
-def _on_top_of(standing: str | None, fault: str) -> str:
-    """The fault's text when a second one joins the active one: both, but not an alarm that is over."""
-    first = (standing or fault).partition(THEN)[0]
-    return fault if first == fault or UNCONFIRMED in first else f"{first}{THEN}{fault}"
+def _joined(active: Fault | None, text: str, cause: FaultCause) -> Fault:
+    """The active fault when another joins it: the texts of both, but not that of an alarm that is over."""
+    if active is None:
+        return Fault(text, (cause,))
+    first = active.text.partition(THEN)[0]
+    if first == text or UNCONFIRMED in first:
+        return Fault(text, tuple(dict.fromkeys((cause, *active.causes))))
+    return Fault(f"{first}{THEN}{text}", tuple(dict.fromkeys((*active.causes, cause))))

@@ -4,7 +4,7 @@ Nothing here moves the arm. With one camera each look takes two images with a mo
 (daemon/pick/moved_pair.py).
 """
 
-from daemon.arm import CAMERA_NAMES, CameraName
+from daemon.arm import CAMERA_NAMES, CameraName, Fault
 from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
@@ -111,10 +111,10 @@ async def remaining_camera(context: CommandContext, cause: FaultCause) -> tuple[
     return OTHER[lost], why
 
 
-async def offer_one_camera(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
+async def offer_one_camera(context: CommandContext, fault: Fault, frontend: Frontend) -> str | None:
     """After a camera fault, ask whether to continue with the remaining camera, and switch to it. Returns a message, or
     None; raises CommandError where the operator declines."""
-    cause = context.cycle.supervisor.latched_cause
+    cause = fault.cause
     left = await remaining_camera(context, cause)
     if left is None:
         shocked = (

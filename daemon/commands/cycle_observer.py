@@ -10,7 +10,7 @@ from collections.abc import Callable, Coroutine
 from datetime import datetime
 from typing import Any
 
-from daemon.arm import JobEvent
+from daemon.arm import Fault, JobEvent
 from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
 from daemon.commands.moving import report_end
@@ -57,15 +57,14 @@ class CycleObserver:
         """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`
         would ask. Applies to the present fault only."""
         supervisor = self._context.cycle.supervisor
-        cause = supervisor.latched_cause if supervisor.permission.fault is not None else None
-        return self._continue(supervisor.stops, cause)
+        return self._continue(supervisor.stops, supervisor.permission.fault)
 
-    async def _continue(self, stops: int, cause: FaultCause | None) -> None:
+    async def _continue(self, stops: int, fault: Fault | None) -> None:
         context, supervisor = self._context, self._context.cycle.supervisor
         while supervisor.busy:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: the operator decides
-            left = None if cause is None else await camera_selection.remaining_camera(context, cause)
+            left = None if fault is None else await camera_selection.remaining_camera(context, fault.cause)
             if left is None or context.cycle.belief.holds_part is None or not supervisor.permission.enabled:
                 return
             await context.look_with(*left)

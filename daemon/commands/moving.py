@@ -112,7 +112,8 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
     supervisor = context.cycle.supervisor
     refuse_hasty_resume(context, frontend)
     before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.hold.pauses
-    if before["fault"] is None:
+    fault = supervisor.permission.fault
+    if fault is None:
         supervisor.resume()
         return CommandResult(
             "Motion resumed."
@@ -120,8 +121,8 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
             else "Nothing to resume: no fault is active, and motion is not paused."
         )
     supervisor.refuse_while_stopping("resume")
-    lines = [f"Fault cleared: {before['fault']}."]
-    camera_text = await camera_selection.offer_one_camera(context, str(before["fault"]), frontend)
+    lines = [f"Fault cleared: {fault}."]
+    camera_text = await camera_selection.offer_one_camera(context, fault, frontend)
     lines += [] if camera_text is None else [camera_text]
     if before["holding"] is None and frontend.asks:
         held = await yes_or_no(frontend, "Is a part in the gripper? [y/n]")

@@ -10,7 +10,7 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.notices import NoticeLevel
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE
-from daemon.events.codes import BY_OPERATOR
+from daemon.events.codes import CauseCode
 from daemon.events.outcomes import tally
 from daemon.signals.input_form import FORMS, form_found, keep_form
 from daemon.signals.modbus import COILS, PLCReadings, readings
@@ -21,6 +21,8 @@ USAGE = "signal show | read | find INPUT | test OUTPUT"
 ACTS = ("show", "read", "find", "test")
 TEST_S = 2.0
 """How long a test switches an output."""
+FOR_PERSONS = (CauseCode.OPERATOR_STOP, CauseCode.RESTARTED)
+"""Causes of faults that only a person clears."""
 
 
 def _further(context: CommandContext, word: str) -> Sequence[str]:
@@ -155,12 +157,15 @@ async def serve_the_line(context: CommandContext) -> None:
 
 
 def reset_by_line(context: CommandContext) -> None:
-    """Clear a fault that facetd found, as the line asks; never a stop by a person, nor with unknown content of the
-    gripper. Reports the result."""
+    """Clear a fault that facetd found, as the line asks; never a person's stop or pause, whatever fault came before or
+    after it, nor with unknown content of the gripper. Reports the result."""
     supervisor = context.cycle.supervisor
-    why = None
-    if supervisor.fault_cause is BY_OPERATOR:
-        why = "a person stopped the arm, or facetd was restarted"
+    fault, why = supervisor.permission.fault, None
+    if supervisor.hold.paused or (fault is not None and any(cause.code in FOR_PERSONS for cause in fault.causes)):
+        why = "a person stopped or paused the arm, or facetd was restarted"
+    elif fault is None:
+        context.notices.tell("The line asked for a reset; no fault is active.", NoticeLevel.FAULTS)
+        return
     elif context.cycle.belief.holds_part is None:
         why = "the content of the gripper is unknown"
     try:

@@ -125,7 +125,7 @@ class CommandContext:
         """The end of the last auto in words, such as `2 parts picked; the table is empty.`."""
         picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._begun.count
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
-        if (fault := self.cycle.supervisor.permission.fault) is not None:
+        if (fault := self.cycle.supervisor.fault_text) is not None:
             reason = fault
         elif ends and ends[-1].ended_by is not None:
             reason = f"the last one ended as {outcome}: {why}"

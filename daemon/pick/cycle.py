@@ -608,7 +608,7 @@ class PickCycle:
         except asyncio.CancelledError:
             by = supervisor.ended_by if supervisor.permission.fault and supervisor.ended_by else JobEvent.ABORT
             code = supervisor.fault_cause.code if supervisor.permission.fault else CauseCode.OPERATOR_ABORT
-            self._cut_short(world, by, supervisor.permission.fault or "a person gave `abort`", code)
+            self._cut_short(world, by, supervisor.fault_text or "a person gave `abort`", code)
         except OperatorRefusedError as error:
             self._cut_short(world, JobEvent.ABORT, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(JobEvent.ABORT, str(error), None)

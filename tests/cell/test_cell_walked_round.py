@@ -114,7 +114,7 @@ def test_an_empty_table_is_told_after_the_survey_views(tmp_path: Path) -> None:
             here.cell.clear()
             with pytest.raises(CommandError, match="no part is seen"):
                 await teach.run(here.context, ["brick", "--around", "6"], Person())
-            assert here.cycle.supervisor.permission.fault is None
+            assert here.cycle.supervisor.fault_text is None
 
     run(story())
 

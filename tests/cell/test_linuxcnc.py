@@ -275,7 +275,7 @@ def test_a_stop_ends_a_move_and_nothing_goes_on_behind_it(port: int, straight: b
         sent = len(cell.sent())
         assert await cell.robot.at_rest()
         assert not any("mdi" in line for line in cell.sent()[sent:])
-        assert cell.supervisor.permission.fault is not None
+        assert cell.supervisor.fault_text is not None
         await cell.supervisor.wait_for_stop_end()
         cell.supervisor.resume()
         await cell.enable()

@@ -16,11 +16,10 @@ import numpy as np
 from daemon.arm.belief import Belief, BeliefSource, CellBelief
 from daemon.arm.hold import Waiting
 from daemon.arm.operators import RefusedError
-from daemon.arm.permission import Grant
+from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.console.interpreter import CommandError
 from daemon.console.notices import Notices
-from daemon.events.codes import BY_OPERATOR, FaultCause
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.place_table import PlaceTable
@@ -43,8 +42,7 @@ class FakeCycle:
     """A cycle that accepts every call and counts it; if it is slow, `doing` stays set until it is released."""
 
     told: list[str] = field(default_factory=list)
-    fault: str | None = None
-    latched_cause: FaultCause = BY_OPERATOR
+    fault: Fault | None = None
     doing: str | None = None
     pending: str | None = None
     pending_s: float = 60.0
@@ -92,9 +90,14 @@ class FakeCycle:
         """The move that waits; it stays the same object while its text is the same."""
         return None if self.pending is None else _waiting(self.pending)
 
+    @property
+    def fault_text(self) -> str | None:
+        """The active fault as a line for people."""
+        return None if self.fault is None else self.fault.text
+
     def status(self) -> dict[str, Any]:
         return {
-            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
+            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault_text, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
             "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,
@@ -170,7 +173,7 @@ class FakeCycle:
 
     async def stop(self, why: str) -> None:
         self.told.append(f"stop {why}")
-        self.fault, self.doing = f"stopped {why}", None
+        self.fault, self.doing = Fault(f"stopped {why}"), None
         self.stops += 1
 
     async def disable(self) -> None:

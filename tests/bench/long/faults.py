@@ -214,7 +214,7 @@ async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
     """Mend, resume, answer for the gripper, pick a fresh part."""
     try:
         await mend(here)
-        if here.cycle.supervisor.permission.fault is not None:
+        if here.cycle.supervisor.fault_text is not None:
             here.cycle.supervisor.resume()
         if here.cycle.belief.holds_part is None:
             here.cycle.holding(here.lies(label) == "hand")

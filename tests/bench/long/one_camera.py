@@ -99,7 +99,7 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         await asyncio.sleep(wait_s)
         here.cell.camera.cover(camera) if how == "black" else here.cell.camera.set_fault(camera, how)  # type: ignore[arg-type]
         ends = await asyncio.wait_for(here.context.auto_ends(), LONGEST_S)
-        fault = here.cycle.supervisor.permission.fault
+        fault = here.cycle.supervisor.fault_text
         moves = [r["kind"] for r in here.log.records]
         after = moves[len(moves) - 1 - moves[::-1].index("fault") :] if "fault" in moves else []
         early = sum(kind in ("move", "hand") for kind in after)
@@ -110,13 +110,13 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         said = await resume.run(here.context, [], frontend) if fault else None
         if fault:
             ends += await asyncio.wait_for(here.context.auto_ends(), LONGEST_S)
-            if here.cycle.supervisor.permission.fault is None and here.cycle.pick_order is None:
+            if here.cycle.supervisor.fault_text is None and here.cycle.pick_order is None:
                 ends += await here.cycle.auto()  # what was skipped in passing
         lie = [here.lies(label) for label in labels]
         return {
             "eye": camera, "how": how, "at_s": wait_s, "fault": fault, "moved_before_allowed": early + (not still),
             "went_on_with": here.context.hardware.cameras.alone, "lie": lie,
-            "after": here.cycle.supervisor.permission.fault, "said": said and said.text,
+            "after": here.cycle.supervisor.fault_text, "said": said and said.text,
             "ends": [e.outcome for e in ends],
         }  # fmt: skip
 

@@ -17,7 +17,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
-from daemon.arm.permission import Grant, Refusal
+from daemon.arm.permission import Fault, Grant, Refusal
 from daemon.config import load_config
 from daemon.pick.grippers.two_fingers import tool_rotation
 from drivers import puma560
@@ -124,7 +124,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def enable(self, on):
         self.mover.permission.grant(Grant.ALL if on else Grant.NOTHING)
 
-    @rule(fault=st.sampled_from([None, None, None, "stopped"]))
+    @rule(fault=st.sampled_from([None, None, None, Fault("stopped")]))
     def fault(self, fault):
         self.mover.permission.fault = fault
 

@@ -25,6 +25,7 @@ from daemon.arm.motion import (
     OutOfReachError,
     Reach,
 )
+from daemon.arm.permission import Fault
 from daemon.arm.robot import HeldBackError
 from daemon.arm.route import OUT_MM
 from daemon.arm.sweep import places_clear
@@ -97,7 +98,7 @@ def disable(mover: Mover, world: World) -> None:
 
 
 def stop(mover: Mover, world: World) -> None:
-    mover.permission.fault = "stopped"
+    mover.permission.fault = Fault("stopped")
 
 
 def lose(mover: Mover, world: World) -> None:

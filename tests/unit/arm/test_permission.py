@@ -2,7 +2,7 @@
 
 import pytest
 
-from daemon.arm.permission import Grant, MotionPermission
+from daemon.arm.permission import Fault, Grant, MotionPermission
 
 
 def granted(what: Grant = Grant.ALL) -> MotionPermission:
@@ -47,7 +47,7 @@ def see_another_stop(permission: MotionPermission) -> None:
 
 
 def fault(permission: MotionPermission) -> None:
-    permission.fault = "stopped"
+    permission.fault = Fault("stopped")
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_a_hold_is_over_with_the_next_move_that_is_released():
 def test_a_fault_is_what_hinders_first(typed):
     permission = MotionPermission()
     permission.stop_begins()
-    permission.fault = "cameras: no frame"
+    permission.fault = Fault("cameras: no frame")
     permission.stop_ends()
     assert permission.blocked
     permission.stop_begins()

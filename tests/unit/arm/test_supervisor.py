@@ -13,12 +13,12 @@ from daemon import frames
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, operator_command
-from daemon.arm.permission import Grant
+from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.errors import FacetdError
-from daemon.events.codes import CauseCode, FaultCause
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so
@@ -88,7 +88,7 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
     world, supervisor, heard = supervised()
     error = lived(interrupted(world, supervisor, lambda: act(supervisor)))
     assert isinstance(error, RefusedError)
-    assert supervisor.permission.fault == fault
+    assert supervisor.fault_text == fault
     assert world.wire[-1][0] == "abort"
     assert heard == [(what, len(world.wire))]
     assert not supervisor.busy
@@ -103,9 +103,7 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
 
     def hook(name: str) -> None:
         if name == "abort":
-            standing.append(
-                (supervisor.permission.fault, supervisor.mover.belief.resting_reading, len(world.said("fault")))
-            )
+            standing.append((supervisor.fault_text, supervisor.mover.belief.resting_reading, len(world.said("fault"))))
 
     world.before = hook
     lived(act(supervisor))
@@ -148,7 +146,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
 
         with pytest.raises(OSError, match="cable"):
             lived(supervisor.run("work", broken(), moves))
-        assert (supervisor.permission.fault == "OSError: the cable came out") is moves
+        assert (supervisor.fault_text == "OSError: the cable came out") is moves
         assert [name for name, _ in world.wire] == ["abort"] * moves
         assert [what for what, _ in heard] == [JobEvent.ERROR] * moves
 
@@ -157,7 +155,7 @@ def test_a_refusal_in_a_job_is_no_fault():
     world, supervisor, heard = supervised(enabled=False)
     with pytest.raises(MoveRefusedError):
         lived(supervisor.run("travel", travelling(supervisor)))
-    assert (supervisor.permission.fault, world.wire, heard) == (None, [], [])
+    assert (supervisor.fault_text, world.wire, heard) == (None, [], [])
 
 
 def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_stop():
@@ -169,7 +167,7 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
 
     world.before = dead
     lived(supervisor.abort())
-    assert "press the emergency stop" in supervisor.permission.fault
+    assert "press the emergency stop" in supervisor.fault_text
     assert [what for what, _ in heard] == [JobEvent.ERROR]
 
 
@@ -257,7 +255,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
             await task
 
     lived(story())
-    assert (world.wire, supervisor.permission.fault) == ([], None)
+    assert (world.wire, supervisor.fault_text) == ([], None)
 
 
 def test_neither_step_on_nor_step_off_is_a_yes_to_the_move_that_waits():
@@ -354,7 +352,7 @@ def test_others_on_the_line_of_an_arm_that_may_move_are_a_fault_whoever_hears_of
 
     with pytest.raises(FacetdError, match="typed"):
         lived(supervisor.run("where", where(), moves=False))
-    assert (supervisor.permission.fault is not None) is faults
+    assert (supervisor.fault_text is not None) is faults
 
 
 def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard_of_them():
@@ -366,7 +364,7 @@ def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard
 
     supervisor.mover.cell.robot.at_rest = at_rest
     assert not lived(supervisor.at_rest())
-    assert supervisor.permission.fault == "OthersTypeError: typed"
+    assert supervisor.fault_text == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
 
@@ -387,7 +385,7 @@ def test_others_are_a_fault_though_what_heard_of_them_was_being_stopped():
             await job
 
     lived(story())
-    assert supervisor.permission.fault == "OthersTypeError: typed"
+    assert supervisor.fault_text == "OthersTypeError: typed"
     assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
 
 
@@ -398,7 +396,7 @@ def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_go
     decided = supervisor.hold.pauses
     supervisor.hold.pause()
     supervisor.resume(None, decided)
-    assert (supervisor.permission.fault, supervisor.hold.paused) == (None, True)
+    assert (supervisor.fault_text, supervisor.hold.paused) == (None, True)
     supervisor.resume(None, supervisor.hold.pauses)
     assert not supervisor.hold.paused
 
@@ -450,7 +448,7 @@ def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_i
 
     lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
-    assert supervisor.permission.fault == fault
+    assert supervisor.fault_text == fault
 
 
 def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move_and_asked_for_again_after():
@@ -483,7 +481,7 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
     with pytest.raises(OSError, match="Envelope"):
         lived(supervisor.run_typed_line("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
-    assert "Envelope" in str(supervisor.permission.fault)
+    assert "Envelope" in str(supervisor.fault_text)
 
 
 @pytest.mark.parametrize("way", ["stop", "conversation", "motion"])
@@ -599,7 +597,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
         for word in (supervisor.resume, supervisor.enable):
             with pytest.raises(RefusedError, match="still stopping the arm"):
                 word()
-        assert supervisor.permission.fault == "stopped by ann"
+        assert supervisor.fault_text == "stopped by ann"
         assert not stopping.done()
         answered.set()
         await stopping
@@ -608,7 +606,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
             assert isinstance(job.exception(), RefusedError)
 
     lived(story())
-    assert supervisor.permission.fault == "stopped by ann"
+    assert supervisor.fault_text == "stopped by ann"
     supervisor.resume()
 
 
@@ -645,7 +643,7 @@ def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands()
     lived(supervisor.stop("by ann"))
     with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile"):
         supervisor.resume(seen)
-    assert supervisor.permission.fault == "stopped by ann"
+    assert supervisor.fault_text == "stopped by ann"
 
 
 class Unheard(Heard):
@@ -692,19 +690,17 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
         assert str(error) in alarm
         assert "press the emergency stop" in alarm
         assert supervisor.permission.stopping
-        assert "press the emergency stop" in str(supervisor.permission.fault)
+        assert "press the emergency stop" in str(supervisor.fault_text)
         for word in (supervisor.resume, supervisor.enable):
             with pytest.raises(RefusedError, match="press the emergency stop"):
                 word()
         again = await supervisor.stop("by bob")
         assert again is not None
         await until_so(lambda: not supervisor.permission.stopping)
-        assert "press the emergency stop" in str(supervisor.permission.fault), "it stands until resume"
+        assert "press the emergency stop" in str(supervisor.fault_text), "it stands until resume"
         supervisor.resume()
         assert await supervisor.stop("by cat") is None
-        assert supervisor.permission.fault == "stopped by cat", (
-            "an alarm that is over keeps no later fault from standing"
-        )
+        assert supervisor.fault_text == "stopped by cat", "an alarm that is over keeps no later fault from standing"
         supervisor.resume()
 
     lived(story())
@@ -760,7 +756,7 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
             await supervisor.run("travel", travelling(supervisor))
         answered.set()
         assert await stopping is None
-        assert supervisor.permission.fault is None
+        assert supervisor.fault_text is None
         await supervisor.mover.wait_until_at_rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
 
@@ -780,7 +776,7 @@ def test_a_stop_is_a_stop_though_everybody_who_is_told_of_it_fails(act, fault, w
 
     assert isinstance(lived(interrupted(world, supervisor, unheard)), RefusedError)
     assert world.wire[-1][0] == "abort"
-    assert supervisor.permission.fault == fault
+    assert supervisor.fault_text == fault
 
 
 @pytest.mark.parametrize("voids", ["stop", "disable", "abort"])
@@ -1069,7 +1065,7 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
 
     lived(story())
     assert len(tried) == 1
-    assert (supervisor.permission.fault, world.wire, list(heard)) == (None, [], [])
+    assert (supervisor.fault_text, world.wire, list(heard)) == (None, [], [])
 
 
 def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
@@ -1081,7 +1077,7 @@ def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
 
     with pytest.raises(OSError, match="cable"):
         lived(supervisor.run("work", broken()))
-    assert supervisor.permission.fault == "cameras: no pair"
+    assert supervisor.fault_text == "cameras: no pair"
     assert (world.wire, world.said("fault")) == ([], [])
 
 
@@ -1278,7 +1274,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
         await supervisor.wait_for_stop_end()
 
     lived(story())
-    assert supervisor.permission.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
+    assert supervisor.fault_text == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
     assert {fault["code"] for fault in world.said("fault")} == {code}
 
 
@@ -1288,10 +1284,27 @@ def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     lived(supervisor.fail("calibration", "the right camera has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
     for who in ("ann", "bob", "bob"):
         lived(supervisor.stop(f"by {who}"))
-    assert supervisor.permission.fault == "calibration: the right camera has turned; then stopped by bob"
+    assert supervisor.permission.fault == Fault(
+        "calibration: the right camera has turned; then stopped by bob",
+        (FaultCause(CauseCode.CAMERA_KNOCKED), BY_OPERATOR),
+    )
     assert [record["text"] for record in world.said("fault")] == [
         "calibration: the right camera has turned", "stopped by ann", "stopped by bob", "stopped by bob",
     ]  # fmt: skip
+
+
+def test_a_fault_that_takes_the_place_of_an_alarm_keeps_that_a_person_stopped_the_arm():
+    world, supervisor, _ = supervised()
+    failing_aborts(world, StopRefusedError("no such word"), 1)
+    lost = FaultCause(CauseCode.CAMERA_LOST)
+
+    async def story() -> None:
+        await supervisor.stop("by ann")
+        await supervisor.wait_for_stop_end()
+        await supervisor.fail("cameras", "no pair", lost)
+
+    lived(story())
+    assert supervisor.permission.fault == Fault("cameras: no pair", (lost, BY_OPERATOR))
 
 
 def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way():
@@ -1338,7 +1351,7 @@ def test_a_stop_that_was_confirmed_in_time_sounds_no_alarm_later():
         await asyncio.sleep(3 * ABORT_S)
 
     lived(story())
-    assert supervisor.permission.fault == "stopped by hand"
+    assert supervisor.fault_text == "stopped by hand"
     assert [what for what, _ in heard] == [JobEvent.STOP]
 
 
@@ -1395,7 +1408,7 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
             await task
 
     lived(asyncio.wait_for(story(), 10.0))
-    assert supervisor.permission.fault is None
+    assert supervisor.fault_text is None
     assert [name for name, _ in world.wire] == ["foreign", "abort"], "told once"
 
 

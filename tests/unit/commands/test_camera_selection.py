@@ -59,7 +59,7 @@ def test_resume_offers_the_camera_that_is_left_says_what_it_costs_and_looks_with
         assert "right camera does not work" in frontend.asked[0]
         assert "a third longer" in frontend.asked[0]
         assert "Using the left camera alone" in answer.text
-        assert here.cycle.supervisor.permission.fault is None
+        assert here.cycle.supervisor.fault_text is None
         assert (here.context.hardware.cameras.alone, here.cycle.cell.alone) == ("left", "left")
         assert here.log.said("eyes")[0]["alone"] == "left"
         assert "left camera alone" in here.context.troubles.active["eyes"]
@@ -102,7 +102,7 @@ def test_after_a_no_the_fault_stands_and_both_cameras_stay() -> None:
         broken(here)
         with pytest.raises(CommandError, match="fault is not cleared"):
             await resume.run(here.context, [], FakeFrontend(answers=["n"]))
-        assert here.cycle.supervisor.permission.fault == FAULT
+        assert here.cycle.supervisor.fault_text == FAULT
         assert here.cycle.cell.alone is None
 
     lived(story)
@@ -271,7 +271,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         await going
         assert here.cycle.supervisor.hold.paused is (blocked_by == "paused")
         assert begun == ([] if blocked_by else [PickOrder(3, None)])
-        assert (here.cycle.supervisor.permission.fault is None) == (blocked_by is None)
+        assert (here.cycle.supervisor.fault_text is None) == (blocked_by is None)
 
     lived(story)
 
@@ -291,7 +291,7 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_camer
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
         await CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
-        assert here.cycle.supervisor.permission.fault is not None
+        assert here.cycle.supervisor.fault_text is not None
         assert begun == []
 
     lived(story)
@@ -316,7 +316,7 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resume
         if resumed:
             here.cycle.supervisor.resume()
         await going
-        assert (here.cycle.supervisor.permission.fault is None) is resumed
+        assert (here.cycle.supervisor.fault_text is None) is resumed
         assert begun == []
 
     lived(story)

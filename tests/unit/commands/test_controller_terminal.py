@@ -16,7 +16,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from daemon.arm import capsule_around
+from daemon.arm import Fault, capsule_around
 from daemon.arm.belief import BeliefSource
 from daemon.arm.body import PERHAPS_HELD
 from daemon.cell.no_arm import CellError
@@ -42,7 +42,7 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     cycle = PickCycle(build(World(np.random.default_rng(0))), Settings())
     if enabled:
         cycle.supervisor.enable()
-    cycle.supervisor.permission.fault = fault
+    cycle.supervisor.permission.fault = None if fault is None else Fault(fault)
     controller = SimpleNamespace(
         asks_whether_to_move=False, moves_the_arm=moves_the_arm, turns_over=turns_over, works_the_hand=works_the_hand
     )
@@ -188,12 +188,12 @@ def test_a_stop_typed_at_the_controllers_terminal_is_ours(line: bytes) -> None:
 
     async def story() -> bytes:
         sent, _ = typed(context, line + b"\r")
-        await until_so(lambda: context.cycle.supervisor.permission.fault and wire)
+        await until_so(lambda: context.cycle.supervisor.fault_text and wire)
         return sent
 
     assert b"\r" not in asyncio.run(story())
     assert wire == [("abort", None)]
-    assert context.cycle.supervisor.permission.fault == "stopped by tester"
+    assert context.cycle.supervisor.fault_text == "stopped by tester"
 
 
 @pytest.mark.parametrize("apart_s", [0.01, 1.0])
@@ -206,12 +206,12 @@ def test_a_stop_typed_at_the_question_whether_a_line_may_be_sent_stops_the_arm(l
     async def story() -> bytes:
         sent, frontend = typed(context, b"DO OPENI\r" + line + b"\r", apart_s=apart_s)
         assert "not sent" in frontend.said[-1]
-        await until_so(lambda: context.cycle.supervisor.permission.fault and wire)
+        await until_so(lambda: context.cycle.supervisor.fault_text and wire)
         return sent
 
     assert b"\r" not in asyncio.run(story()).replace(SPOIL, b"")
     assert wire == [("abort", None)]
-    assert context.cycle.supervisor.permission.fault == "stopped by tester"
+    assert context.cycle.supervisor.fault_text == "stopped by tester"
 
 
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",

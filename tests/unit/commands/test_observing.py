@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from daemon.arm import Fault
 from daemon.commands import every_command
 from daemon.commands.observing import describe_scene
 from daemon.console.interpreter import Interpreter
@@ -60,7 +61,7 @@ def test_status_tells_what_stands_between_the_operator_and_the_next_pick(
 ) -> None:
     """A hand that might hold a part was told by the next `pick` only, and what to do about a fault by the guide."""
     context = fake_context(tmp_path)
-    context.cycle.fault, context.cycle.held = fault, held
+    context.cycle.fault, context.cycle.held = Fault(fault) if fault else None, held
     lines = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend())).text.splitlines()
     assert lines[0].startswith("cell")
     assert lines[1 : 1 + len(told)] == told

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import Fault
 from daemon.commands import every_command
 from daemon.commands.signals import reset_by_line
 from daemon.console.interpreter import CommandResult, Interpreter
@@ -109,22 +110,46 @@ def test_a_cell_without_signals_says_where_they_are_written(tmp_path: Path) -> N
     assert "section `signals` of facetd.yaml" in say(fake_context(tmp_path), "signal").text
 
 
+LOST = FaultCause(CauseCode.CAMERA_LOST)
+
+
 @pytest.mark.parametrize(
-    ("cause", "holds", "cleared"),
+    ("causes", "paused", "holds", "cleared"),
     [
-        (FaultCause(CauseCode.CAMERA_LOST), False, True),
-        (FaultCause(CauseCode.CAMERA_LOST), None, False),
-        (BY_OPERATOR, False, False),
+        ((LOST,), False, False, True),
+        ((LOST,), False, None, False),
+        ((LOST,), True, False, False),
+        ((BY_OPERATOR,), False, False, False),
+        ((BY_OPERATOR, LOST), False, False, False),
+        ((LOST, BY_OPERATOR), False, False, False),
+        ((FaultCause(CauseCode.RESTARTED),), False, False, False),
     ],
 )
-def test_the_line_clears_no_stop_by_a_person_and_none_with_an_unknown_gripper(
-    cause: FaultCause, holds: bool | None, cleared: bool
+def test_the_line_clears_no_stop_or_pause_by_a_person_and_none_with_an_unknown_gripper(
+    causes: tuple[FaultCause, ...], paused: bool, holds: bool | None, cleared: bool
 ) -> None:
+    """A person's stop after which a camera was lost was cleared by the line: the last cause alone was asked."""
     resumed: list[int] = []
     told: list[str] = []
-    supervisor = SimpleNamespace(fault_cause=cause, stops=3, resume=resumed.append)
+    permission, hold = SimpleNamespace(fault=Fault("a fault", causes)), SimpleNamespace(paused=paused)
+    supervisor = SimpleNamespace(permission=permission, hold=hold, stops=3, resume=resumed.append)
     cycle = SimpleNamespace(supervisor=supervisor, belief=SimpleNamespace(holds_part=holds))
     context: Any = SimpleNamespace(cycle=cycle, notices=SimpleNamespace(tell=lambda text, level: told.append(text)))
     reset_by_line(context)
     assert resumed == ([3] if cleared else [])
     assert told[0].startswith("The line has cleared the fault" if cleared else "The line's reset was refused")
+
+
+def test_the_lines_reset_without_a_fault_ends_no_pause_and_says_what_it_found() -> None:
+    for paused, told in (
+        (False, "The line asked for a reset; no fault is active."),
+        (True, "The line's reset was ref"),
+    ):
+        notices: list[str] = []
+        supervisor = SimpleNamespace(permission=SimpleNamespace(fault=None), hold=SimpleNamespace(paused=paused))
+        context: Any = SimpleNamespace(
+            cycle=SimpleNamespace(supervisor=supervisor),
+            notices=SimpleNamespace(tell=lambda text, level, notices=notices: notices.append(text)),
+        )
+        reset_by_line(context)
+        assert notices[0].startswith(told)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.arm import RefusedError
+from daemon.arm import Fault, RefusedError
 from daemon.commands import every_command
 from daemon.commands.controller_terminal import ROBOT_USAGE
 from daemon.commands.moving import AUTO_USAGE
@@ -82,7 +82,7 @@ def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
     context: Any, typed: str, held: bool | None
 ) -> None:
     """Somebody who types on takes nothing for empty that may hold a part."""
-    context.cycle.fault, context.cycle.held = "restarted: the daemon ended in verify", None
+    context.cycle.fault, context.cycle.held = Fault("restarted: the daemon ended in verify"), None
     text = say(context, "resume", FakeFrontend(answers=[typed])).text
     assert context.cycle.held is held
     assert ("`holding yes` or `holding no`" in text) is (held is None)
@@ -101,7 +101,7 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
 
     context.begin_auto = begin_auto
     context.cycle.fault, context.cycle.held, context.cycle.pick_order = (
-        "restarted: the daemon ended in looking",
+        Fault("restarted: the daemon ended in looking"),
         None,
         PickOrder(13),
     )
@@ -119,7 +119,7 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
 
 
 def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: Any) -> None:
-    context.cycle.fault, context.cycle.held = "stopped by ann", None
+    context.cycle.fault, context.cycle.held = Fault("stopped by ann"), None
 
     class Stopping(FakeFrontend):
         async def ask(self, question: str) -> str:
@@ -127,11 +127,11 @@ def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: 
             return await super().ask(question)
 
     assert say(context, "resume", Stopping(answers=["n"])).status == 1
-    assert context.cycle.fault == "stopped by bob"
+    assert context.cycle.fault_text == "stopped by bob"
 
 
 def test_resume_at_a_frontend_that_cannot_ask_moves_nothing(context: Any) -> None:
-    context.cycle.fault, context.cycle.pick_order = "stopped by ann", PickOrder(2)
+    context.cycle.fault, context.cycle.pick_order = Fault("stopped by ann"), PickOrder(2)
     assert "`auto resume` continues it" in say(context, "resume").text
     assert context.cycle.told == ["resume"]
 

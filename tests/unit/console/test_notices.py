@@ -151,7 +151,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
     async def run() -> list[str]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
         context.cycle.supervisor, context.cycle.skipped = (
-            SimpleNamespace(permission=SimpleNamespace(fault=None)),
+            SimpleNamespace(fault_text=None),
             [],
         )
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
@@ -182,7 +182,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
 def test_each_end_of_an_auto_says_why(
     outcomes: list[str], count: int | None, fault: str | None, left: int, told: str
 ) -> None:
-    cycle = SimpleNamespace(supervisor=SimpleNamespace(permission=SimpleNamespace(fault=fault)), skipped=[None] * left)
+    cycle = SimpleNamespace(supervisor=SimpleNamespace(fault_text=fault), skipped=[None] * left)
     context: Any = SimpleNamespace(_begun=PickOrder(count), cycle=cycle)
     assert CommandContext.auto_end(context, [end(outcome) for outcome in outcomes]) == told
 
@@ -204,7 +204,7 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
     async def run() -> list[Any]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
         context.cycle.supervisor, context.cycle.skipped = (
-            SimpleNamespace(permission=SimpleNamespace(fault=None)),
+            SimpleNamespace(fault_text=None),
             [],
         )
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)

@@ -44,7 +44,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
             await cycle.look()
         assert "\n" not in str(raised.value)
         worker.within_s = 60.0
-        assert supervisor.permission.fault is None, "a look that moves nothing and fails is no fault of the arm"
+        assert supervisor.fault_text is None, "a look that moves nothing and fails is no fault of the arm"
 
         orders.write_text(fault)
         worker.within_s = 4.0 if fault == "endless" else 60.0
@@ -52,7 +52,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
         worker.within_s = 60.0
         assert end.outcome == "fault"
         assert SAID[fault] in end.why
-        assert SAID[fault] in (supervisor.permission.fault or "")
+        assert SAID[fault] in (supervisor.fault_text or "")
         assert supervisor.fault_cause.code is CauseCode.COMPUTATION
         assert await supervisor.at_rest()
         with pytest.raises(MoveRefusedError, match="fault_active"):

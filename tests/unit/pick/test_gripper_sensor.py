@@ -42,7 +42,7 @@ def picked(fake: World, says: Says, settings: Settings | None = None) -> tuple[A
 def asked(end: Any, cycle: PickCycle, fake: World) -> bool:
     """Whether the arm stopped and a person is asked what the gripper holds, which was left as it is."""
     assert fake.said("cycle_end")[-1]["code"] == "sensor_disagrees", end.why
-    return end.outcome == "fault" and cycle.belief.holds_part is None and cycle.supervisor.permission.fault is not None
+    return end.outcome == "fault" and cycle.belief.holds_part is None and cycle.supervisor.fault_text is not None
 
 
 def test_a_sensor_that_is_right_is_read_when_taken_hold_of_lifted_and_let_go() -> None:

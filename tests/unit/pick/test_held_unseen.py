@@ -248,7 +248,7 @@ def test_after_a_crash_a_gripper_that_was_not_open_may_hold_anything_and_nothing
     cycle = cycle_of(world)
     order = PickOrder(3)
     cycle.recover("retreat", closed, order)
-    assert (cycle.state, cycle.supervisor.permission.fault, cycle.pick_order) == (
+    assert (cycle.state, cycle.supervisor.fault_text, cycle.pick_order) == (
         "fault", "restarted: the daemon ended in retreat", order
     )  # fmt: skip
     assert cycle.belief.holds_part is (False if closed is False else None)

@@ -278,7 +278,7 @@ def test_where_the_arm_cannot_go_beside_it_is_said_and_is_no_fault() -> None:
     with pytest.raises(RefusedError, match="cannot go aside for the second picture"):
         asyncio.run(cycle.look())
     assert not world.wire
-    assert cycle.supervisor.permission.fault is None
+    assert cycle.supervisor.fault_text is None
 
 
 def test_with_dry_on_a_look_with_one_camera_is_refused() -> None:

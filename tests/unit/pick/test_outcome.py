@@ -66,7 +66,7 @@ def test_an_observer_that_breaks_stops_nothing_and_is_reported():
         return await cycle.pick()
 
     assert asyncio.run(story()).outcome == "picked"
-    assert cycle.supervisor.permission.fault is None
+    assert cycle.supervisor.fault_text is None
     assert world.binned == ["cube"]
     assert reported == ["the observer broke"] * (len(world.said("look")) + 1)
 

@@ -170,6 +170,6 @@ def test_a_line_that_can_no_longer_be_read_ends_an_auto_with_the_arm_stopped_and
     setattr(cycle.production_line, asks, unreadable)
     ends = asyncio.run(cycle.auto(PickOrder(3, on_signal=asks == "wanted")))
     assert [end.outcome for end in ends] == ([] if asks == "wanted" else ["picked"])
-    assert cycle.supervisor.permission.fault == "signals: the input module is gone"
+    assert cycle.supervisor.fault_text == "signals: the input module is gone"
     assert [name for name, _ in world.wire].count("abort") == 1
     assert cycle.state == "fault"

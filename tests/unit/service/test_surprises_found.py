@@ -678,9 +678,7 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     assert not cycle.supervisor.permission.enabled
     assert cycle.supervisor.mover.belief.closed is None
     assert cycle.belief.holds_part is None
-    assert "another terminal or program types on the controller's line (received" in str(
-        cycle.supervisor.permission.fault
-    )
+    assert "another terminal or program types on the controller's line (received" in str(cycle.supervisor.fault_text)
     before = story.cell.world_from_tool()
     story.sockets[1].say("go home")
     story.wait(5.0)
@@ -886,7 +884,7 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
     assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
     kill(story)
     context = story.context
-    assert context.cycle.supervisor.permission.fault == "restarted: the daemon ended in fault"
+    assert context.cycle.supervisor.fault_text == "restarted: the daemon ended in fault"
     assert story.violations() == ()
 
 
@@ -1057,7 +1055,7 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
         story.sockets[0].say("pick")
         story.wait(4.0)
     assert aborted[0].result() is None
-    assert supervisor.permission.fault is None
+    assert supervisor.fault_text is None
     assert any(text.startswith("aborted") for text in story.texts)
     assert story.violations() == ()
 
