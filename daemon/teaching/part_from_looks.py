@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Real
 from daemon.teaching.closed_surface import in_triangles
 from daemon.teaching.mesh import STL_ROW
 from daemon.vision.facets import FusedLooks
@@ -152,7 +152,8 @@ def stl_of(solid: Polyhedron) -> bytes:
     rows = np.zeros(len(fans), STL_ROW)
     if fans:
         rows["corners"] = np.array(fans)
-        normals = np.cross(rows["corners"][:, 1] - rows["corners"][:, 0], rows["corners"][:, 2] - rows["corners"][:, 0])
+        corners: Real = rows["corners"]
+        normals: Real = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         rows["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return bytes(80) + len(fans).to_bytes(4, "little") + rows.tobytes()
 

@@ -192,7 +192,7 @@ def _alike(line: Array, other: Array, low: Array, high: Array, near_mm: float) -
 
 def _halves(cell: Array, line: Array) -> list[Array]:
     """Split a convex cell by a line into the parts on either side."""
-    off = cell @ line[:2] - line[2]
+    off: Array = cell @ line[:2] - line[2]
     found = []
     for side in (1.0, -1.0):
         ring = list[Array]()
