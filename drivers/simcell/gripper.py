@@ -181,14 +181,12 @@ def _below(ring: Array, heights: Array) -> Array:
 
     Source: Sutherland and Hodgman, Reentrant polygon clipping, 1974.
     """
-    kept = list[Array]()
-    for k in range(len(ring)):
-        before, here = heights[k - 1], heights[k]
-        if (before > 0.0) != (here > 0.0):
-            kept.append(ring[k - 1] + (ring[k] - ring[k - 1]) * before / (before - here))
-        if here <= 0.0:
-            kept.append(ring[k])
-    return np.reshape(kept, (-1, ring.shape[1]))
+    start, height = np.concatenate([ring[-1:], ring[:-1]]), np.concatenate([heights[-1:], heights[:-1]])
+    crosses = (height > 0.0) != (heights > 0.0)
+    drop = np.where(crosses, height - heights, 1.0)
+    crossing = start + (ring - start) * height[:, None] / drop[:, None]
+    corners: Array = np.stack([crossing, ring], axis=1)[np.stack([crosses, heights <= 0.0], axis=1)]
+    return corners
 
 
 def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: Bite, up: Array) -> float | None:
@@ -250,11 +248,12 @@ def _angle_to_cone(direction: Array, normals: Sequence[Array]) -> float:
     spanning = np.unique(np.round(np.vstack([np.zeros((0, 3)), *normals]), 3), axis=0)
     best = np.pi
     for count in (1, 2, 3):
-        for some in combinations(spanning, count):
-            basis = np.array(some).T
-            weights = np.linalg.lstsq(basis, direction, rcond=None)[0]
-            nearest = basis @ weights
-            if np.all(weights >= -1e-9) and np.linalg.norm(nearest) > 1e-9:
-                cosine = nearest @ direction / np.linalg.norm(nearest)
-                best = min(best, float(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        some = np.array(list(combinations(range(len(spanning)), count)), int).reshape(-1, count)
+        bases = spanning[some].transpose(0, 2, 1)
+        weights = np.linalg.pinv(bases, 3 * np.finfo(float).eps) @ direction
+        nearest: Array = (bases @ weights[..., None])[..., 0]
+        length: Array = np.linalg.norm(nearest, axis=1)
+        inside = np.all(weights >= -1e-9, axis=1) & (length > 1e-9)
+        cosine = nearest[inside] @ direction / length[inside]
+        best = min(best, float(np.arccos(np.clip(cosine, -1.0, 1.0)).min(initial=np.pi)))
     return best
