@@ -66,7 +66,9 @@ check: $(VENV)/.dev
 test: $(VENV)/.dev
 	@$(MAKE) --no-print-directory -j 2 check test-short
 
+# In a fresh clone the tests are compiled once, before each of pytest's workers would compile all of them.
 test-short: $(VENV)/.dev
+	@[ -d tests/__pycache__ ] || $(BIN)/pytest --collect-only -qq $(TESTS) >/dev/null || true
 	$(BIN)/pytest -n 4 --dist worksteal -m "not long" $(TESTS) || [ $$? = 5 ]
 
 test-long: $(VENV)/.dev

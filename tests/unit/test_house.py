@@ -61,6 +61,8 @@ def test_a_file_or_room_named_in_prose_exists() -> None:
     there = {"/".join(parts[k:]) for parts in paths for k in range(len(parts))}
     gone = []
     for file in (f for f in files if f.suffix in (".py", ".md")):
+        if all(name.rstrip("/") in there for find in (NAMED, ROOM) for name in find.findall(file.read_text())):
+            continue  # nor does its prose: to part it from the code takes long
         said = prose(file)
         names = NAMED.findall(said) + (ROOM.findall(said) if file.name in ("README.md", "ARCHITECTURE.md") else [])
         gone += [(str(file.relative_to(HOUSE)), name) for name in names if name.rstrip("/") not in there]
