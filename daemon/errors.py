@@ -38,5 +38,17 @@ def spelt_throughout(value: Any) -> Any:
     return [spelt_throughout(one) for one in value] if isinstance(value, list | tuple) else value
 
 
+def one_line(error: BaseException) -> str:
+    """An error's message on one line, or its class where it has none."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def fault_text(error: BaseException) -> str:
+    """What a fault tells people: the message of an error that facetd or its drivers raise or the system reports; any
+    other is a fault of the program, and named as such with its class."""
+    known = isinstance(error, FacetdError | OSError) or type(error).__module__.startswith("drivers.")
+    return one_line(error) if known else f"internal error in facetd: {type(error).__name__}: {one_line(error)}"
+
+
 class FacetdError(Exception):
     """What happened, where, and what to do: one line. Drivers have base classes of their own."""

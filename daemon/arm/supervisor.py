@@ -19,6 +19,7 @@ from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import Workcell
+from daemon.errors import fault_text
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 
 T = TypeVar("T")
@@ -114,6 +115,7 @@ class Supervisor:
         return {
             "doing": self._doing or None,
             "fault": self.fault_text,
+            "fault_code": None if self.permission.fault is None else self.permission.fault.cause.code,
             "stopping": self.permission.stopping,
             "enabled": self.permission.enabled,
             "by_hand_only": self.permission.typed_lines_only,
@@ -369,13 +371,13 @@ class Supervisor:
             elif permission.fault is None and (
                 moves or (cause.code is CauseCode.OTHER_TERMINAL and permission.granted)
             ):
-                text = f"{type(error).__name__}: {error}"
+                text = fault_text(error)
                 await self.stop_arm(JobEvent.ERROR, text, text, cause)
             raise
 
     def _latch_others(self, error: Exception) -> None:
         """Make a fault active where an otherwise ignored error says that somebody else types on the line."""
-        cause, text = cause_of(error), f"{type(error).__name__}: {error}"
+        cause, text = cause_of(error), fault_text(error)
         if cause.code is CauseCode.OTHER_TERMINAL:
             self._join(text, cause)
             self._report_fault(text, cause)

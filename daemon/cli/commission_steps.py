@@ -11,6 +11,7 @@ from typing import Any
 
 from daemon.console.phrases import is_no, is_yes
 from daemon.errors import DONE, FacetdError
+from daemon.events.codes import CauseCode
 from daemon.events.outcomes import Outcome
 from daemon.frontends.client import DaemonLink
 
@@ -19,7 +20,6 @@ HAND_EYE_MM = 0.5
 TABLE_MM = 4.0
 """Largest error of the table's height in pick.limits: less than the fingertips' clearance."""
 TEACHING_TRIES, PICKING_TRIES = 6, 3
-ASKS, NO_POWER, NO_ZERO = "the controller asks", "arm power off", "not calibrated"
 """Parts of what the daemon and the controller report after a power-up; the controller's letters may be of any case."""
 PLACES = re.compile(r"home|bin|survey\d*")
 """The positions of facetd.yaml."""
@@ -117,7 +117,7 @@ class CommissioningSession:
     def fault_of(self, text: str) -> str | None:
         """The active fault, where it is the one that this result reported; None after a stop since."""
         fault = self.fault
-        return fault if fault is not None and fault.endswith(text) else None
+        return fault if fault == text else None
 
     @property
     def simulated(self) -> bool:
@@ -141,7 +141,7 @@ class CommissioningSession:
 
 def _arm(talk: CommissioningSession) -> str:
     where = talk.send("where")
-    if where["status"] != DONE and ASKS in where["text"]:
+    if where["status"] != DONE and where["data"].get("code") == CauseCode.CONTROLLER_RESTARTED:
         talk.need(f"The controller was just switched on: {where['text']}. Answer Y to all its questions?")
         talk.do("robot power-up")
         where = talk.send("where")
@@ -172,7 +172,7 @@ def calibrate_zero(talk: CommissioningSession) -> None:
         done = talk.send("robot cal")
         if done["status"] == DONE:
             return
-        if NO_POWER not in done["text"].lower():
+        if done["data"].get("code") != CauseCode.ARM_POWER:
             raise NotProvenError(done["text"])
         fault = talk.fault_of(done["text"])
         talk.need(f"{done['text']}. Switch arm power on. Is it on now?")
@@ -183,8 +183,7 @@ def go_to_survey(talk: CommissioningSession) -> None:
     """Go to the survey position, where the board is in view."""
     talk.enable()
     there = talk.send("go survey")
-    text = there["text"].lower()
-    if there["status"] != DONE and (NO_ZERO in text or NO_POWER in text):
+    if there["status"] != DONE and there["data"].get("code") in (CauseCode.NOT_CALIBRATED, CauseCode.ARM_POWER):
         talk.clear(talk.fault_of(there["text"]))
         calibrate_zero(talk)
         there = talk.send("go survey")

@@ -14,8 +14,8 @@ from daemon.maintenance import doctor as doctors
 async def doctor(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Check the installation and the cell; say what to correct."""
     findings = await asyncio.to_thread(doctors.examine, context.config, True)
-    troubles, fault = context.troubles.active, context.cycle.supervisor.fault_text
-    findings += doctors.from_service(context.hardware, troubles, fault, context.not_held, context.shutters)
+    fault = context.cycle.supervisor.permission.fault
+    findings += doctors.from_service(context.hardware, context.troubles, fault, context.not_held, context.shutters)
     return doctor_answer(findings)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from daemon import VERSION
+from daemon.arm import Fault
 from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.placing import counted, destinations, each_place
@@ -74,7 +75,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     left_out: Any = state["skipped"]
     lines += map(_skipped, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.active.values()]
-    lines[1:1] = _to_do(state)
+    lines[1:1] = _to_do(state, context.cycle.supervisor.permission.fault)
     data: dict[str, Any] = {
         **state,
         "version": VERSION,
@@ -96,17 +97,17 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
 def _cell_state(state: dict[str, Any]) -> str:
     if state["fault"]:
         moves = "stopping: not confirmed at rest yet" if state.get("stopping") else "nothing moves until `resume`"
-        return f"{fault_line(state['fault'])} ({moves})"
+        return f"{fault_line(state['fault'], state['fault_code'])} ({moves})"
     typed_lines = state.get("by_hand_only")
     words = ["arm enabled" if state["enabled"] else "arm enabled for `robot` only" if typed_lines else "arm disabled"]
     words += [word for word in ("paused", "dry", "step") if state.get(word)]
     return ", ".join(words)
 
 
-def _to_do(state: dict[str, Any]) -> list[str]:
+def _to_do(state: dict[str, Any], fault: Fault | None) -> list[str]:
     """What to do before `resume`, and about the gripper."""
     lines = []
-    if state["fault"] and (mend := mend_of(state["fault"])):
+    if fault is not None and (mend := mend_of(fault.cause)):
         lines.append(f"to do     {mend}")
     if not state["doing"] and state["holding"] is None:
         lines.append("gripper   content unknown: report it by `holding yes` or `holding no`")

@@ -19,7 +19,8 @@ from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, ends_as_a_stop, means_stop
 from daemon.console.text_layout import by_pages, fold, prose, table
-from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, printable
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, one_line, printable
+from daemon.events.codes import CauseCode, cause_of
 from daemon.maintenance import journal
 from daemon.quantities import shown, whole
 
@@ -233,7 +234,9 @@ class Interpreter:
         except CommandError as problem:
             return _trouble(problem)
         except ANSWERABLE as error:
-            return CommandResult(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
+            text, code = one_line(error), cause_of(error).code
+            known = {} if code is CauseCode.INTERNAL else {"code": code}
+            return CommandResult(text, {"error": text, "why": type(error).__name__, **known}, NOT_DONE)
         except Exception as error:
             return _own_fault(error)
 
@@ -432,14 +435,10 @@ def either(names: list[str]) -> str:
 
 def _own_fault(error: Exception, before: str = "") -> CommandResult:
     journal.write("trouble", traceback.format_exc(), journal.ERROR)
-    message = f"{before}internal error in facetd: {type(error).__name__}: {_one_line(error)}"
+    message = f"{before}internal error in facetd: {type(error).__name__}: {one_line(error)}"
     message += "; run `bundle` and send the file to the maintainer"
     return CommandResult(message, {"error": message, "why": "internal"}, NOT_DONE)
 
 
 def _trouble(problem: CommandError) -> CommandResult:
     return CommandResult(str(problem), {"error": str(problem)}, problem.status)
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

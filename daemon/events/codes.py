@@ -35,6 +35,8 @@ class CauseCode(StrEnum):
         "find out what cut it, switch arm power on at the controller, then `resume`")
     ENVELOPE_ERROR = ("envelope_error", "envelope error", "arm",
         "a joint did not follow: see what it struck or what blocks it, switch arm power on, then `resume`")
+    NOT_CALIBRATED = ("not_calibrated", "arm not calibrated", "arm",
+        "the arm has not found its zero: `resume`, `enable`, then `robot cal`")
     CONTROLLER_RESTARTED = ("controller_restarted", "controller restarted", "arm",
         "its power failed: `robot power-up`, `resume` if there is a fault, `enable`, then `robot cal`")
     CONTROLLER_SILENT = ("controller_silent", "controller silent", "line",

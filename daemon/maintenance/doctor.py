@@ -15,14 +15,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from daemon.arm import CameraName
+from daemon.arm import CameraName, Fault
 from daemon.calibration.file import Calibration
 from daemon.cell import sections
 from daemon.cell.hardware import Hardware
 from daemon.config import Config
 from daemon.errors import FacetdError
-from daemon.events.codes import CauseCode
-from daemon.events.upgrade import read_prose
+from daemon.events.codes import CauseCode, FaultCause
+from daemon.maintenance.troubles import Troubles
 from daemon.review import failure_causes
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
@@ -63,8 +63,8 @@ def examine(config: Config, running: bool) -> list[CheckResult]:
 
 def from_service(
     hardware: Hardware,
-    troubles: Mapping[str, str],
-    fault: str | None,
+    troubles: Troubles,
+    fault: Fault | None,
     not_held: Mapping[CameraName, Sequence[str]] | None = None,
     shutters: Mapping[CameraName, str] | None = None,
 ) -> list[CheckResult]:
@@ -72,7 +72,7 @@ def from_service(
     when the command `cameras` tested it; shutters: by camera, what `cameras moving` measured."""
     heard_s = hardware.robot.heard_s
     findings = []
-    if "cameras" not in troubles:
+    if "cameras" not in troubles.active:
         findings.append(CheckResult("good", "cameras", hardware.cameras.describe()))
     if not_held is None and hardware.kind != "recorded":
         mend = "Type `cameras`, with parts in view and nothing moving"
@@ -84,19 +84,21 @@ def from_service(
         findings.append(CheckResult("note" if shutter.startswith("rolling") else "good", f"{camera} camera", shutter))
     for camera, whys in (not_held or {}).items():
         findings += [CheckResult("bad", f"{camera} camera", why) for why in whys]
-    if "controller" not in troubles and heard_s is not None:
+    if "controller" not in troubles.active and heard_s is not None:
         ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))
     if fault is not None:
-        findings.append(CheckResult("bad", "fault", fault, mend_of(fault) or "Remove the cause, then `resume`"))
-    for source, text in troubles.items():
-        findings.append(CheckResult("bad", source, text.removeprefix(f"{source}: "), mend_of(text)))
+        mend = mend_of(fault.cause) or "Remove the cause, then `resume`"
+        findings.append(CheckResult("bad", "fault", fault.text, mend))
+    for source, text in troubles.active.items():
+        mend = mend_of(troubles.causes.get(source, FaultCause(CauseCode.INTERNAL)))
+        findings.append(CheckResult("bad", source, text.removeprefix(f"{source}: "), mend))
     return findings
 
 
-def mend_of(text: str) -> str:
-    """The remedy for a fault or a trouble, from its text; empty for an unknown cause or an operator's stop."""
-    code = next(failure_causes.causes_of_record(read_prose(text))).code
+def mend_of(cause: FaultCause) -> str:
+    """The remedy for a fault or a trouble, from its cause; empty for an unknown cause or an operator's stop."""
+    code = next(failure_causes.causes_of_record({"code": cause.code, "findings": cause.findings})).code
     return "" if code.stage == "operator" or code is CauseCode.INTERNAL else code.remedy
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import printable, visible
+from daemon.events.codes import CauseCode
 
 try:
     from systemd import journal as systemd_journal
@@ -166,9 +167,9 @@ class JournalledLog:
             self._notice(kind, text, fields.get("who"))
 
 
-def fault_line(fault: str) -> str:
-    """A fault for people; a person's stop latches one as well, but is not a failure."""
-    return f"STOPPED {fault.removeprefix(STOPPED)}" if fault.startswith(STOPPED) else f"FAULT {fault}"
+def fault_line(fault: str, code: object) -> str:
+    """A fault for people, from its text and its cause's code; a person's stop is one as well, but no failure."""
+    return f"STOPPED {fault.removeprefix(STOPPED)}" if code == CauseCode.OPERATOR_STOP else f"FAULT {fault}"
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
@@ -183,7 +184,7 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
         case "refusal":
             return f"refused, {fields.get('rule')}: {fields.get('text')}"
         case "fault":
-            return fault_line(str(fields.get("text")))
+            return fault_line(str(fields.get("text")), fields.get("code"))
         case "rest":
             return str(fields.get("text"))
         case "command":

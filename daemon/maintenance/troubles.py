@@ -6,6 +6,7 @@ from typing import Protocol
 
 from daemon.cell.hardware import Hardware
 from daemon.config import Config
+from daemon.events.codes import FaultCause
 from daemon.pick.cycle import PickCycle
 from daemon.store.runlog import RunLog
 from daemon.teaching.trainer import Trainer
@@ -13,15 +14,20 @@ from daemon.teaching.trainer import Trainer
 
 @dataclass
 class Troubles:
-    """The active troubles: source -> one line of text. on_change(source, text or None) is called at each change."""
+    """The active troubles: source -> one line of text. on_change(source, text or None) is called at each change.
+    causes: source -> cause, where it is known."""
 
     on_change: Callable[[str, str | None], None] = lambda _, __: None
     active: dict[str, str] = field(default_factory=dict)
+    causes: dict[str, FaultCause] = field(default_factory=dict)
 
-    def report(self, source: str, text: str | None) -> None:
+    def report(self, source: str, text: str | None, cause: FaultCause | None = None) -> None:
         """Report a trouble of a source, or None: the trouble is over."""
         if self.active.get(source) == text:
             return
+        self.causes.pop(source, None)
+        if cause is not None:
+            self.causes[source] = cause
         if text is None:
             self.active.pop(source, None)
         else:

@@ -63,7 +63,7 @@ class Watchdog:
         state = self._context.cycle.status()
         troubles = "; ".join(self._context.troubles.active.values())
         job = f"{state['doing'] or 'idle'} ({state['state']})"
-        doing = journal.fault_line(str(state["fault"])) if state["fault"] else job
+        doing = journal.fault_line(str(state["fault"]), state["fault_code"]) if state["fault"] else job
         return f"{doing}; {state['picked']} of {state['tried']} picked" + (f"; {troubles}" if troubles else "")
 
     def _tick(self) -> None:
@@ -154,10 +154,10 @@ class Watchdog:
         """Report a lost device once; stop an arm that may move, until `resume`."""
         context = self._context
         new = what not in context.troubles.active
-        context.troubles.report(what, f"{what}: {error}")
+        cause = cause_of(error)
+        cause = FaultCause(SOURCES[what]) if cause.code is CauseCode.INTERNAL and not cause.findings else cause
+        context.troubles.report(what, f"{what}: {error}", cause)
         if new:
-            cause = cause_of(error)
-            cause = FaultCause(SOURCES[what]) if cause.code is CauseCode.INTERNAL else cause
             await self._stop_enabled_arm(what, str(error), cause)
 
     async def _stop_enabled_arm(self, source: str, text: str, cause: FaultCause) -> None:

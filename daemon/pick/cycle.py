@@ -34,6 +34,7 @@ from daemon.arm import (
     in_view,
 )
 from daemon.arrays import Array
+from daemon.errors import fault_text
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
@@ -613,7 +614,7 @@ class PickCycle:
             self._cut_short(world, JobEvent.ABORT, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(JobEvent.ABORT, str(error), None)
         except Exception as error:
-            why, cause = f"{type(error).__name__}: {error}", cause_of(error)
+            why, cause = fault_text(error), cause_of(error)
             world.gripper_opened &= cause.code is not CauseCode.SENSOR_DISAGREES
             self._cut_short(world, JobEvent.ERROR, why, cause.code)
             await self._stop_arm(JobEvent.ERROR, why, why, cause)

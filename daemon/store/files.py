@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from daemon.errors import FacetdError
+from daemon.errors import FacetdError, one_line
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 """Errors of a full disk."""
@@ -270,4 +270,4 @@ def plain(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         remedy = "; free some space there" if error.errno in NO_ROOM else ""
         return f"{error.filename}: {error.strerror}{remedy}"
-    return " ".join(str(error).split()) or type(error).__name__
+    return one_line(error)

@@ -7,6 +7,7 @@ VAL_MESSAGES = (
     ("e-stop", "emergency_stop"),
     ("arm power", "arm_power"),
     ("envelope error", "envelope_error"),
+    ("not calibrated", "not_calibrated"),
     ("floppy", "controller_restarted"),
     ("asks", "controller_restarted"),
     ("out of range", "out_of_reach"),

@@ -97,7 +97,8 @@ class FakeCycle:
 
     def status(self) -> dict[str, Any]:
         return {
-            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault_text, "enabled": True,
+            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault_text,
+            "fault_code": self.fault and self.fault.cause.code, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
             "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,

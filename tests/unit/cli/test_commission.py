@@ -168,14 +168,14 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
             if text == "robot power-up":
                 self.asks = False
             if text == "where" and self.asks:
-                return done("the controller asks 'Initialize (Y/N)?': answer it (`robot power-up`)", status=1)
+                return done("the controller asks 'Initialize (Y/N)?'", {"code": "controller_restarted"}, status=1)
             if text == "robot cal":
                 self.said.append(text)
                 assert ask(f"{CAL}. Send it? [y/n]") == "y", "the person's own yes"
                 self.zero, self.power = self.power, True
-                return done("calibrated") if self.zero else done("*ARM POWER OFF*", status=1)
+                return done("calibrated") if self.zero else done("*ARM POWER OFF*", {"code": "arm_power"}, status=1)
             if text == "go survey" and not self.zero:
-                return done("*Not calibrated*", status=1)
+                return done("*Not calibrated*", {"code": "not_calibrated"}, status=1)
             return super().do(text, frontend, say, ask)
 
     link, asked = Cold(), []
@@ -241,8 +241,8 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
         def do(self, text, frontend, say, ask=None):
             if text == "robot cal" and "robot cal" not in self.said:
                 self.said.append(text)
-                self.fault = "ControllerError: *Arm power off*"
-                return done("*Arm power off*", status=1)
+                self.fault = "*Arm power off*"
+                return done("*Arm power off*", {"code": "arm_power"}, status=1)
             return super().do(text, frontend, say, ask)
 
     link, asked = NoPower(), []
@@ -250,9 +250,7 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
     def answer(question: str) -> str:
         asked.append(question)
         if "Switch arm power on" in question and meanwhile != "nothing":
-            link.fault = (
-                "ControllerError: *Arm power off*; then stopped by bob" if meanwhile == "a stop" else link.fault
-            )
+            link.fault = "*Arm power off*; then stopped by bob" if meanwhile == "a stop" else link.fault
             link.paused = meanwhile == "a pause"
         return "n" if "removed?" in question or "paused" in question else "y"
 
@@ -289,8 +287,8 @@ def test_a_stop_right_behind_what_told_that_the_arm_has_no_zero_is_asked_about()
     class Stopped(ToldLink):
         def do(self, text, frontend, say, ask=None):
             if text == "go survey":
-                self.fault = "ControllerError: *Not calibrated*; then stopped by bob"
-                return done("*Not calibrated*", status=1)
+                self.fault = "*Not calibrated*; then stopped by bob"
+                return done("*Not calibrated*", {"code": "not_calibrated"}, status=1)
             return super().do(text, frontend, say, ask)
 
     link = Stopped()

@@ -13,6 +13,7 @@ from daemon.arm import Fault
 from daemon.commands import every_command
 from daemon.commands.observing import describe_scene
 from daemon.console.interpreter import Interpreter
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.vision.values import Cause, Facet, FacetView, Part, Recognition, Scene
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
@@ -48,20 +49,20 @@ def test_tables_of_views_and_parts_fit_the_terminal(tmp_path: Path, columns: int
         (None, None, ["gripper   content unknown: report it by `holding yes` or `holding no`"]),
         (None, True, ["gripper   holds a part: the next pick first puts it into the bin"]),
         (None, False, []),
-        ("stopped by ann", False, []),
+        (Fault("stopped by ann"), False, []),
         (
-            "ControllerError: *Arm power off*",
+            Fault("*Arm power off*", (FaultCause(CauseCode.ARM_POWER),)),
             False,
             ["to do     find out what cut it, switch arm power on at the controller, then `resume`"],
         ),
     ],
 )
 def test_status_tells_what_stands_between_the_operator_and_the_next_pick(
-    fault: str | None, held: bool | None, told: list[str], tmp_path: Path
+    fault: Fault | None, held: bool | None, told: list[str], tmp_path: Path
 ) -> None:
     """A hand that might hold a part was told by the next `pick` only, and what to do about a fault by the guide."""
     context = fake_context(tmp_path)
-    context.cycle.fault, context.cycle.held = Fault(fault) if fault else None, held
+    context.cycle.fault, context.cycle.held = fault, held
     lines = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend())).text.splitlines()
     assert lines[0].startswith("cell")
     assert lines[1 : 1 + len(told)] == told

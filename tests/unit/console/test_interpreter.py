@@ -472,7 +472,12 @@ def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_move
     context: Any, stopping: bool, told: str
 ) -> None:
     """Beside `NOT CONFIRMED: press the emergency stop` it said that nothing moves."""
-    standing = {**context.cycle.status(), "fault": "stopped by ann", "stopping": stopping}
+    standing = {
+        **context.cycle.status(),
+        "fault": "stopped by ann",
+        "fault_code": "operator_stop",
+        "stopping": stopping,
+    }
     context.cycle.status = lambda: standing
     first = say(context, "status").text.splitlines()[0]
     assert f"STOPPED by ann ({'stopping: ' * stopping}{told}" in first

@@ -17,8 +17,12 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import Fault
 from daemon.config import Config, load_config
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.maintenance.doctor import CheckResult, examine, from_service, mend_of
+from daemon.maintenance.troubles import Troubles
+from drivers.val2.errors import ControllerError
 from tests.fakes.daemon_process import write_own_calibration
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
@@ -151,20 +155,20 @@ def test_a_folder_of_the_daemons_is_in_order_also_where_an_operator_asks_who_may
 def test_what_a_camera_did_not_hold_is_to_correct_and_an_untested_camera_is_noted() -> None:
     cameras = SimpleNamespace(describe=lambda: "two")
     hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
-    assert "note cameras: not tested whether" in from_service(hardware, {}, None)[1].line()
-    found = from_service(hardware, {}, None, {"left": ["autofocus"]})
+    assert "note cameras: not tested whether" in from_service(hardware, Troubles(), None)[1].line()
+    found = from_service(hardware, Troubles(), None, {"left": ["autofocus"]})
     assert ("bad", "BAD  left camera: autofocus") in [(one.level, one.line()) for one in found]
     hardware.kind = "recorded"
-    assert len(from_service(hardware, {}, None)) == 1
+    assert len(from_service(hardware, Troubles(), None)) == 1
 
 
 def test_a_rolling_shutter_is_noted_and_so_is_a_camera_that_was_never_tested_for_one() -> None:
     cameras = SimpleNamespace(describe=lambda: "two")
     hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
-    (_, found) = from_service(hardware, {}, None, {})
+    (_, found) = from_service(hardware, Troubles(), None, {})
     assert found.line().startswith("note cameras: not tested for a rolling shutter. Type `cameras moving`")
     measured: Any = {"left": "rolling shutter: 20 ms", "right": "global shutter: 0 ms"}
-    levels = [(one.what, one.level) for one in from_service(hardware, {}, None, {}, measured)[1:]]
+    levels = [(one.what, one.level) for one in from_service(hardware, Troubles(), None, {}, measured)[1:]]
     assert levels == [("left camera", "note"), ("right camera", "good")]
 
 
@@ -176,30 +180,36 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
         robot=SimpleNamespace(heard_s=47.0),
         where="/dev/facetd-arm",
     )
-    lines = [finding.line() for finding in from_service(hardware, {"disk": "disk: 12 MB free"}, None, {})]
+    lines = [
+        finding.line() for finding in from_service(hardware, Troubles(active={"disk": "disk: 12 MB free"}), None, {})
+    ]
     assert lines == [
         "ok   cameras: two cameras at 30 Hz",
         "ok   controller: answered 3 s ago at /dev/facetd-arm",
         "BAD  disk: 12 MB free",
     ]
-    lines = [f.line() for f in from_service(hardware, {"cameras": "cameras: unplugged"}, "*Arm power off*", {})]
+    lost, cut = Troubles(), Fault("*Arm power off*", (FaultCause(CauseCode.ARM_POWER),))
+    lost.report("cameras", "cameras: unplugged", FaultCause(CauseCode.CAMERA_LOST))
+    lines = [f.line() for f in from_service(hardware, lost, cut, {})]
     assert [line[:20] for line in lines] == ["ok   controller: ans", "BAD  fault: *Arm pow", "BAD  cameras: unplug"]
     assert "switch arm power on" in lines[1], "`All is well` was said under a fault"
     assert "plug it in" in lines[2]
     hardware.robot.heard_s = None
-    assert [finding.what for finding in from_service(hardware, {}, None, {})] == ["cameras"]
+    assert [finding.what for finding in from_service(hardware, Troubles(), None, {})] == ["cameras"]
 
 
 @pytest.mark.parametrize(
     ("fault", "mend"),
     [
-        ("ControllerError: *Emergency stop*", "unlatch"),
-        ("CameraError: simulated pair: no frame within 5.00 s (unplugged)", "plug it in"),
-        ("stopped by control-C of ann, console", ""),
-        ("KeyError: 'x'", ""),
+        (cause_of(ControllerError("*Emergency stop*")), "unlatch"),
+        (cause_of(ControllerError("*Not calibrated*")), "`robot cal`"),
+        (FaultCause(CauseCode.CAMERA_LOST), "plug it in"),
+        (FaultCause(CauseCode.INTERNAL, ("focus left",)), "focus"),
+        (BY_OPERATOR, ""),
+        (cause_of(KeyError("x")), ""),
     ],
 )
-def test_what_a_fault_asks_for_is_told_where_its_words_say_it(fault: str, mend: str) -> None:
+def test_what_a_fault_asks_for_follows_from_its_cause(fault: FaultCause, mend: str) -> None:
     told = mend_of(fault)
     assert mend in told
     assert bool(told) is bool(mend)

@@ -19,7 +19,7 @@ class Nowhere:
     ("kind", "fields", "sentence"),
     [
         ("fault", {"code": "operator_stop", "text": "stopped by ann"}, "STOPPED by ann"),
-        ("fault", {"code": "camera_lost", "text": "CameraError: no pair"}, "FAULT CameraError: no pair"),
+        ("fault", {"code": "camera_lost", "text": "no pair"}, "FAULT no pair"),
         ("fault", {"code": "found_moving", "text": "at work: it was stopped"}, "FAULT at work: it was stopped"),
         ("cycle_end", {"cycle": 2, "outcome": "fault", "label": None, "why": "no pair"}, "cycle 2: fault: no pair"),
         ("cycle_end", {"cycle": 3, "outcome": "picked", "label": "cube", "why": ""}, "cycle 3: picked cube"),

@@ -63,7 +63,14 @@ class WatchedCell:
         return self.failed[-1] if self.failed else None
 
     def status(self) -> dict[str, Any]:
-        return {"doing": self.doing, "fault": self.fault, "state": "idle", "picked": 0, "tried": 0}
+        return {
+            "doing": self.doing,
+            "fault": self.fault,
+            "fault_code": "camera_lost",
+            "state": "idle",
+            "picked": 0,
+            "tried": 0,
+        }
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:

@@ -119,7 +119,7 @@ def test_a_pick_that_is_stopped_as_it_is_being_stopped_for_a_fault_has_ended_wit
         return end
 
     end = lived(story())
-    assert (end.outcome, end.why) == ("fault", "RuntimeError: something broke")
+    assert (end.outcome, end.why) == ("fault", "internal error in facetd: RuntimeError: something broke")
     assert [record["outcome"] for record in world.said("cycle_end")] == ["fault"]
     assert (cycle.status()["target"], cycle.status()["failed"]) == (None, 1)
     assert not moves_after_abort(world)

@@ -881,7 +881,7 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
         story.wait(0.01)
     story.sockets[1].say(word)
     story.wait(2.0)
-    assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
+    assert any(text.startswith("FAULT *Location out of range*") for text in story.texts)
     kill(story)
     context = story.context
     assert context.cycle.supervisor.fault_text == "restarted: the daemon ended in fault"
