@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.refine.expected_edges import SCALE
 from daemon.vision.settings import TOLERANCE_MM
@@ -37,7 +37,8 @@ def fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_
     """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
 
     Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
-    are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
+    are those whose nearest is the end of a chord of an arc, as a polygon round an arc may begin anywhere along it, and
+    facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
     where fewer than three different corners in general position are met, or they fit worse than MOST_RESIDUAL_MM.
     Source: point matches, nearest first (ICP on corners). Where the corners fit worse than
     their own covariance says, the pose's covariance grows by the same factor.
@@ -59,11 +60,13 @@ def _vague_mm(facet: Facet) -> float:
 def _fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
     corners = np.concatenate([f.corners_mm for f in facets])
     whitens = whitener(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
+    of_chords = _ends_of_chords(shape)
     pose = near
     for _ in range(6):
         placed = frames.apply(pose, shape.corners_mm)
         gaps = np.linalg.norm(corners[:, None] - placed[None], axis=2)
-        nearest, keep = gaps.argmin(axis=1), gaps.min(axis=1) < gate_mm
+        nearest = gaps.argmin(axis=1)
+        keep = (gaps.min(axis=1) < gate_mm) & ~of_chords[nearest]
         met = np.unique(nearest[keep])
         if len(met) < 3:
             return None
@@ -76,6 +79,19 @@ def _fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate
         if np.linalg.norm(step * (1, 1, 1, 50, 50, 50)) < 1e-4:
             break
     return _judged(shape, pose, corners[keep], nearest[keep], whitens[keep])
+
+
+def _ends_of_chords(shape: Polyhedron) -> Flags:
+    """(K,) which corners of a shape are the ends of chords of an arc, and not one of its own two ends."""
+    found = np.zeros(len(shape.corners_mm), bool)
+    for arc in shape.arcs:
+        apart = np.linalg.norm(shape.corners_mm[:, None] - arc.points_mm, axis=2)
+        step = np.linalg.norm(np.diff(arc.points_mm, axis=0), axis=1).max()
+        on = apart.min(1) < step
+        if np.linalg.norm(arc.points_mm[0] - arc.points_mm[-1]) > step:
+            on[apart[:, [0, -1]].argmin(0)] = False
+        found |= on
+    return found
 
 
 def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, whitens: Array) -> Fit | None:

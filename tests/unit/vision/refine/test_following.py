@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.vision.geometry import OutlineArc, exact
 from daemon.vision.refine.following import Fit, fit_to_facets
 from daemon.vision.values import Facet
 from tests.fakes.fake_cell import shape_of
@@ -63,3 +64,30 @@ def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
     ratio = motions.std(axis=0) / predicted_sigma
     assert np.all(ratio > 0.5)
     assert np.all(ratio < 1.3)
+
+
+def test_chords_of_an_arc_that_begin_elsewhere_along_it_do_not_turn_the_part():
+    rng = np.random.default_rng(4)
+    shape, elsewhere = half_discs(0.0), half_discs(0.5)
+    seen = facets_of(elsewhere, POSE, (0,), rng, 0.05)
+    near = frames.perturb(POSE, np.array([1.0, -1.0, 1.0, 0.0, 0.0, 0.02]))
+    assert fit_to_facets(shape, seen, near) is None  # the two ends of its flat hold no turn about that
+    seen += facets_of(shape, POSE, (2,), rng, 0.05)
+    fit = fit_to_facets(shape, seen, near)
+    assert fit is not None
+    motion = frames.difference(fit.cyclopean_from_part, POSE)
+    assert np.linalg.norm(motion[:3]) < 0.3
+    assert np.linalg.norm(motion[3:]) < 0.01
+
+
+def half_discs(begin: float):
+    """A half disc of 20 mm, 15 mm high, whose arc has five chords between one begun at `begin` of it and its ends."""
+    turns = np.concatenate([[0.0], np.pi * (np.arange(5) + 0.5 + begin / 2) / 5.5, [np.pi]])
+    outline = 20.0 * np.column_stack([np.cos(turns), np.sin(turns)])
+    count = len(outline)
+    corners = np.vstack([np.column_stack([outline, np.full(count, high)]) for high in (15.0, 0.0)])
+    flat = (count - 1, 0, count, 2 * count - 1)[::-1]
+    solid = exact(corners, [range(count), range(2 * count - 1, count - 1, -1), flat])
+    fine = np.linspace(0, np.pi, 48)[:, None]
+    arcs = [20.0 * np.hstack([np.cos(fine), np.sin(fine), np.full_like(fine, high / 20.0)]) for high in (15.0, 0.0)]
+    return replace(solid, arcs=(OutlineArc(0, arcs[0]), OutlineArc(1, arcs[1][::-1])))
