@@ -34,8 +34,8 @@ may be."""
 
 def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[MeasuredCircle], tolerance_mm: float) -> float:
     """Log likelihood ratio, in nats, of circles that both cameras see against the taught radii of the arcs in a part's
-    outline, at cyclopean_from_part (4, 4): edges are fitted one by one, and a pose gives way to a few per cent of a
-    radius."""
+    outline, at cyclopean_from_part (4, 4), of the one that says most: what bends one circle's image bends the others'.
+    Edges are fitted one by one, and a pose gives way to a few per cent of a radius."""
     nats = 0.0
     for rim in rims_of(solid):
         at, normal = frames.apply(pose, rim.centre_mm[None])[0], pose[:3, :3] @ rim.normal
@@ -43,7 +43,7 @@ def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[Measured
             (
                 (abs(one.radius_mm - rim.radius_mm), float(one.covariance[5, 5]))
                 for one in circles
-                if one.normal @ normal > RIM_TURN
+                if abs(one.normal @ normal) > RIM_TURN  # a rim shows from behind as well, round a curved side
                 and np.linalg.norm(one.centre_mm - at) < RIM_MM
                 and abs(one.radius_mm - rim.radius_mm) < differs_mm(rim.radius_mm)
             ),
@@ -51,7 +51,7 @@ def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[Measured
         )
         if rim.outer:
             known = (OF_RADIUS * rim.radius_mm) ** 2 + (OF_TOLERANCE * tolerance_mm) ** 2
-            nats += off_mm**2 / (variance + known) / 2
+            nats = max(nats, off_mm**2 / (variance + known) / 2)
     return nats
 
 

@@ -328,7 +328,8 @@ def facets_in_view(shape: Polyhedron, images: StereoImages, pose: Array) -> Flag
 
 def count_visible_facets(shape: Polyhedron, images: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
     """Count the facets of a part at cyclopean_from_part (4, 4) that the pictures show, by what either camera has along
-    its edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
+    its edges: those in view of both, and beside these those in view of one camera, where their own edges show there;
+    and a curved surface, where the far rim of it shows, whose facet does not face the cameras."""
     in_view = facets_in_view(shape, images, pose)
     of_both: Flags = np.asarray(in_view.all(0))
     if not of_both.any():
@@ -338,7 +339,20 @@ def count_visible_facets(shape: Polyhedron, images: StereoImages, pose: Array, b
         for here, seen in zip(in_view, both, strict=True)
     ]
     alone = EdgeEvidence.of(both, own).fraction > LEAST_SHOWN
-    return int((in_view.any(0) if alone else of_both).sum())
+    return int((in_view.any(0) if alone else of_both).sum()) + _shows_far_rim(shape, np.asarray(in_view.any(0)), both)
+
+
+def _shows_far_rim(shape: Polyhedron, in_view: Flags, both: Sequence[EdgeSamples]) -> bool:
+    """Whether arcs show that bound no facet (F,) in view: they end a curved surface, in another plane than these."""
+    if not shape.arcs:
+        return False
+    arcs = frozenset(map(tuple, shape.lines[0][shape.circles[:, 3] > 0].tolist()))
+    far = [
+        np.array([pair in arcs or pair[::-1] in arcs for pair in map(tuple, seen.edges.ends.tolist())], bool)
+        & ~_sides_of(shape, in_view, seen)
+        for seen in both
+    ]
+    return EdgeEvidence.of(both, far).fraction > LEAST_SHOWN
 
 
 def _sides_of(shape: Polyhedron, facets: Flags, seen: EdgeSamples) -> Flags:

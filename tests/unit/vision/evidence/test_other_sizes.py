@@ -78,13 +78,13 @@ def with_round_ends() -> Polyhedron:
     return replace(solid, arcs=arcs)
 
 
-def radius_nats(share: float, *, beside_mm: float = 0.0) -> float:
+def radius_nats(share: float, *, beside_mm: float = 0.0, seen_from: float = 1.0) -> float:
     """What circles so many times as large, and so far beside its arcs, say against it."""
     spread = np.diag([0.05**2] * 3 + [1e-4] * 2 + [0.05**2])
     circles = [
         MeasuredCircle(
             frames.apply(WHERE, rim.centre_mm[None])[0] + [beside_mm, 0, 0],
-            WHERE[:3, :3] @ rim.normal,
+            seen_from * WHERE[:3, :3] @ rim.normal,
             share * rim.radius_mm,
             spread,
             None,
@@ -99,6 +99,16 @@ def test_circles_of_the_taught_radius_say_nothing_against_it_and_others_do() -> 
     assert radius_nats(1.0) < 0.1
     assert radius_nats(1.01) < 1.5
     assert min(radius_nats(0.95), radius_nats(1.05)) > OTHER_RADIUS
+
+
+def test_a_rim_that_shows_from_behind_says_as_much() -> None:
+    assert radius_nats(1.0, seen_from=-1.0) < 0.1
+    assert radius_nats(0.95, seen_from=-1.0) == radius_nats(0.95) > OTHER_RADIUS
+
+
+def test_what_bends_two_circles_alike_counts_once() -> None:
+    assert len(rims_of(with_round_ends())) == 2
+    assert OTHER_RADIUS < radius_nats(0.95) < 1.5 * OTHER_RADIUS + 4.0
 
 
 def test_circles_elsewhere_and_bores_about_the_same_axis_say_nothing() -> None:
