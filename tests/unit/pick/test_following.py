@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,12 +15,14 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm import HeldPart, OnHand, Reading
 from daemon.arm.workcell import CameraName
+from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following, moved_pair, pose_fusion
 from daemon.pick.following import (
     CameraMount,
     came_back_empty,
+    expected_at,
     farthest_mm,
     fitted,
     held_by_edges,
@@ -29,10 +32,12 @@ from daemon.pick.following import (
     left_hand,
 )
 from daemon.pick.grippers.suction import SuctionCup
+from daemon.pick.grippers.two_fingers import tool_rotation
 from daemon.pick.looks import CapturedPair
-from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt, Estimate
 from daemon.store import folders
-from daemon.vision.geometry import StereoRig, exact, moved_rig
+from daemon.vision.geometry import Polyhedron, StereoRig, exact, moved_rig
+from daemon.vision.model import symmetries
 from daemon.vision.refine import Fit
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part, Recognition
@@ -40,7 +45,9 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
+from tests.bench.machined import drawings
 from tests.fakes.fake_cell import shape_of
+from tests.fakes.machined import shape_from_drawing, shown_shape
 from tests.fakes.painted import paint_pair
 from tests.fakes.solids import CUBE, measured, pose
 
@@ -176,7 +183,11 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
         world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=taken(pair, believed.rig)
     )
     target: Any = SimpleNamespace(
-        label="cube", shape=shape, world_from_part=frames.perturb(truth, np.full(6, 0.01)), centre=corners.mean(0)
+        label="cube",
+        shape=shape,
+        world_from_part=frames.perturb(truth, np.full(6, 0.01)),
+        centre=corners.mean(0),
+        turns=following.AS_THOUGHT,
     )
     fit = fitted(target, look)
     assert fit is not None
@@ -201,7 +212,9 @@ def test_facets_that_are_sure_and_taken_for_others_do_not_outweigh_the_pose_that
     look: Any = SimpleNamespace(
         world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=taken(pair, believed.rig)
     )
-    target: Any = SimpleNamespace(label="cube", shape=shape, world_from_part=named, centre=corners.mean(0))
+    target: Any = SimpleNamespace(
+        label="cube", shape=shape, world_from_part=named, centre=corners.mean(0), turns=following.AS_THOUGHT
+    )
     monkeypatch.setattr(following, "by_edges", lambda *_: None)
     fit = fitted(target, look)
     assert fit is not None
@@ -278,6 +291,104 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     held = held_by_edges(shape_of("cube"), grasped_so, look, mount, Doubt(0.3, 0.0, 0.0, 0.0, 0.0))
     assert held is not None
     assert np.diag(held.covariance)[:3] == pytest.approx([0.09 + 0.01 / 2] * 3)
+
+
+KNOB = drawings()["knob"].solid
+FROM_A_SIDE_DEG = 50.0
+
+
+@cache
+def knob_seen(leans_deg: float) -> tuple[CapturedPair, Array]:
+    """A pair of a knob on its foot, from above or leaning, and its true pose, cyclopean_from_part. Its flats lie under
+    its rim: from above it is round."""
+    believed = load_calibration(CONFIG.calibration)
+    one = drawings()["knob"]
+    shape = shown_shape("knob", one)
+    shape_from_part = shape_from_drawing(shape, one) @ rigid(np.eye(3), one.origin_mm)
+    with SimulatedCell(ETC / "simcell.yaml", seed=3) as cell:
+        cell.world.draw([shape])
+        foot = int(np.where(KNOB.normals[:, 2] > 0.99, KNOB.centres_mm[:, 2], -np.inf).argmax())
+        lies = rigid(np.diag([1.0, -1.0, -1.0]), [470.0, 0.0, -300.0]) @ KNOB.flat_from_solid[foot]
+        cell.world.put("knob", lies @ frames.inverse(shape_from_part), PartPlace.TABLE)
+        centre = frames.apply(lies, KNOB.corners_mm).mean(axis=0)
+        leaning = tool_rotation(np.array([1.0, 0.0, 0.0]), np.radians(leans_deg))
+        tool = OnHand(believed.tool_from_cyclopean).look_pose(leaning, centre, 300.0)
+        cell.world_from_tool = lambda real_s=None: tool
+        cell.camera.open()
+        pair = cell.camera.grab(0.0, 1.0)
+    return taken(pair, believed.rig), frames.inverse(tool @ believed.tool_from_cyclopean) @ lies
+
+
+def off_deg(fit: Fit | None, truth: Array) -> float:
+    """How far the knob, which looks the same after half a turn, is turned from the truth."""
+    assert fit is not None
+    ways = truth @ symmetries(KNOB).motions
+    return float(np.degrees(min(frames.angle_between(way, fit.cyclopean_from_part) for way in ways)))
+
+
+def known_to(deg: float, shape: Polyhedron = KNOB) -> Array:
+    """The turns that are left of a part whose pose is known to so many degrees about each axis."""
+    covariance = np.diag([0.01] * 3 + [np.radians(deg) ** 2] * 3)
+    return following.undecided_turns(shape, Estimate(np.eye(4), covariance, covariance))
+
+
+def turned_knob(truth: Array, deg: float) -> Array:
+    about = known_to(90.0)[1]
+    axis = frames.vector_from_rotation(about[:3, :3])
+    turned = frames.rotation_from_vector(axis / np.linalg.norm(axis) * np.radians(deg))
+    middle = np.linalg.lstsq(np.eye(3) - about[:3, :3], about[:3, 3], rcond=None)[0]
+    return np.asarray(truth @ frames.rigid(turned, middle - turned @ middle))
+
+
+@pytest.mark.parametrize("deg", [12.0, -33.0, 70.0])
+def test_a_round_part_of_unknown_turn_is_found_in_the_turn_that_its_edges_have(deg: float) -> None:
+    """Edges of a round part hold the turn that a fit starts from: a knob was set down 12 degrees off, sure to .4."""
+    seen, truth = knob_seen(FROM_A_SIDE_DEG)
+    near = turned_knob(truth, deg)
+    as_thought = expected_at("knob", KNOB, near).fit(seen)
+    assert as_thought is None or off_deg(as_thought, truth) > 5.0
+    assert off_deg(expected_at("knob", KNOB, near, turns=known_to(90.0)).fit(seen), truth) < 1.5
+    name = Recognition("knob", 0.9, 0.0, 0.0, None, False, "its edges")
+    facet = measured(frames.apply(near, KNOB.corners_mm[KNOB.rings[0]]), None, 100.0)
+    part = Part(name, (facet,), near, np.diag([1.0] * 3 + [1e-2] * 3), 0.2, (), near[None])
+    look: Any = SimpleNamespace(world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=seen)
+    target: Any = SimpleNamespace(
+        label="knob", shape=KNOB, world_from_part=near, centre=near[:3, 3], turns=known_to(90.0)
+    )
+    assert off_deg(fitted(target, look), truth) < 1.5
+
+
+def test_from_where_no_turn_of_a_round_part_shows_it_stays_as_thought_and_its_turn_unknown() -> None:
+    seen, truth = knob_seen(10.0)
+    near = turned_knob(truth, 33.0)
+    fit = expected_at("knob", KNOB, near, turns=known_to(90.0)).fit(seen)
+    assert off_deg(fit, near) < 1.5
+    assert fit is not None
+    assert frames.rms_deg(fit.covariance[3:, 3:]) > 20.0
+
+
+@pytest.mark.parametrize(("lead", "sure"), [(1.0, False), (9.0, True)])
+def test_turns_that_edges_bear_out_about_equally_are_in_the_covariance(
+    monkeypatch: pytest.MonkeyPatch, lead: float, sure: bool
+) -> None:
+    """The look has one of two turns ahead of all others by so many nats."""
+    turns, own = known_to(90.0), 1e-6 * np.eye(6)
+    monkeypatch.setattr(following, "aligned_to_edges", lambda solids, stereo, poses, mm: poses)
+    monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, mm: Fit(near, own, 0.1, 9))
+    scores = [(np.eye(4), 20.0), (turns[6], 30.0), (turns[12], 30.0 + lead)]
+    monkeypatch.setattr(
+        following, "_nats_at", lambda shape, stereo, pose: next((n for at, n in scores if np.allclose(at, pose)), 0.0)
+    )
+    fit = following.by_edges_in_any_turn(KNOB, SimpleNamespace(stereo=None), np.eye(4), 6.0, turns)  # type: ignore[arg-type]
+    assert fit is not None
+    np.testing.assert_allclose(fit.cyclopean_from_part, turns[12])
+    assert (frames.rms_deg(fit.covariance[3:, 3:]) > 25.0) is not sure
+
+
+def test_turns_are_tried_of_what_is_round_and_as_long_as_its_turn_is_not_known() -> None:
+    counts = len(known_to(90.0)), len(known_to(2.6)), len(known_to(2.4)), len(known_to(90.0, shape_of("cube")))
+    assert counts == (36, 36, 1, 1)
+    assert max(np.degrees(frames.angle_between(np.eye(4), one)) for one in known_to(90.0)) < 90.1
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).filter(any), st.floats(0.1, 2.0), st.floats(0.05, 1.0))

@@ -204,7 +204,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
         lived(cycle.locate("pyramid"))
 
 
-def _shows_at(_shape: Polyhedron, pose: Array, taken: CapturedPair) -> Fit:
+def _shows_at(_shape: Polyhedron, pose: Array, _turns: Array, taken: CapturedPair) -> Fit:
     """The edges of a part that show where it lies."""
     return Fit(frames.inverse(taken.world_from_cyclopean) @ pose, 1e-4 * np.eye(6), 0.1, 9)
 
