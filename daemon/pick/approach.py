@@ -125,7 +125,9 @@ async def estimating(
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
     if enough(estimate, len(target.sightings), settings.stops, VERTICAL):
-        why += f"; how it is turned about the vertical shows from no side in reach{_where_any_turn_will_do(target)}"
+        why += (
+            f"; how it is turned about the vertical {_where_unseen(context, target)}{_where_any_turn_will_do(target)}"
+        )
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
 
@@ -143,6 +145,15 @@ async def _look_from_a_side(context: PickContext, target: Target, free_axis: Arr
     leans_deg = np.degrees(np.arccos(np.clip(-(side @ mounting.tool_from_cyclopean[:3, 2])[2], -1.0, 1.0)))
     why = f"its turn does not show along the approach, but from {leans_deg:.0f} degrees off the vertical"
     context.decide(f"look at {target.label} from a side", why, DecisionCode.LOOKED_AGAIN, label=target.label)
+
+
+def _where_unseen(context: PickContext, target: Target) -> str:
+    """From where the turn of the target does not show, in words."""
+    if not isinstance(context.cell.mounting, OnHand):
+        return "does not show to the fixed cameras"
+    if context.cell.alone is not None:
+        return "does not show along the approach, and with one camera no other side is looked for"
+    return "shows from no side in reach" if target.side_view is None else "does not show well enough from a side either"
 
 
 def _where_any_turn_will_do(target: Target) -> str:

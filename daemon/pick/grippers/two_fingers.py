@@ -118,7 +118,12 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     ) -> Grasps:
         """See Gripper. Fingers centre the part, so that their clearance beside it has room for the error."""
         found = grasps(shape, world_from_part, table_z_mm, self, neighbours, near)
-        return Grasps(found, "" if found else "no grasp holds it as it lies")
+        room_mm = self.opening_mm - 2 * self.side_clearance_mm
+        why = (
+            f"no grasp holds it as it lies, with the tips {self.tip_clearance_mm:g} mm over the table and "
+            f"{room_mm:g} mm between the fingers: lay it on another side, or mount another gripper, as a suction cup"
+        )
+        return Grasps(found, "" if found else why)
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
         """See Gripper."""

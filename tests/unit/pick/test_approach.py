@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import InWorld
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach, following, pose_fusion, take
@@ -190,8 +191,19 @@ def test_a_look_on_the_approach_is_made_for_every_turn_that_the_looks_before_lef
     assert asked == [turns]
 
 
-@pytest.mark.parametrize("place", ["nest", "tray.3"])
-def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_said(monkeypatch, place):
+@pytest.mark.parametrize(
+    ("place", "cameras", "side", "said"),
+    [
+        ("nest", {}, None, "shows from no side in reach"),
+        ("tray.3", {}, None, "shows from no side in reach"),
+        ("nest", {"mounting": InWorld(np.eye(4), np.eye(4), np.zeros(3))}, None, "does not show to the fixed cameras"),
+        ("nest", {"alone": "left"}, None, "does not show along the approach, and with one camera no other side"),
+        ("nest", {}, np.eye(3), "does not show well enough from a side either"),
+    ],
+)
+def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_said(
+    monkeypatch, place, cameras, side, said
+):
     context, world = begun(one_part())
     brought_to(PickState.ESTIMATING, context, world)
     target, fused = world.the_target(), pose_fusion.fuse
@@ -204,9 +216,11 @@ def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_sa
     way = SimpleNamespace(goal=SimpleNamespace(axis=None, place=SimpleNamespace(name=place)))
     monkeypatch.setattr(pose_fusion, "fuse", unturned)
     monkeypatch.setattr(approach, "same_grasp", lambda *_, plan=target.plan: replace(plan, way=way))
+    target.side_view = side
+    context = replace(context, cell=replace(context.cell, **cameras))
     assert step(context, world, PickState.ESTIMATING) is PickEvent.GAVE_UP
     why = world.skipped[-1].why
-    assert "shows from no side in reach" in why
+    assert f"how it is turned about the vertical {said}" in why
     assert f"set `any_turn: true` for place {place.partition('.')[0]} " in why
 
 

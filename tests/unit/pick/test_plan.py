@@ -127,7 +127,9 @@ def test_a_part_wider_than_the_gripper_opens_has_no_grasp_and_the_gripper_says_w
     narrow = msgspec.structs.replace(Settings().gripper, opening_mm=20.0)
     settings = replace(Settings(), gripper=narrow)
     none = plan_part(shape_of("cube"), lying("cube", 0), [], settings, ON_HAND, everywhere)
-    assert none == NoPlan(CauseCode.NO_GRASP, "no grasp holds it as it lies")
+    assert isinstance(none, NoPlan)
+    assert none.code == CauseCode.NO_GRASP
+    assert none.why.startswith("no grasp holds it as it lies")
 
 
 def test_a_part_that_was_looked_for_from_every_side_is_looked_for_no_more():

@@ -374,8 +374,20 @@ def test_what_two_fingers_are_asked_is_what_their_settings_say():
     assert (gripper.widest_mm, gripper.tip_mm, gripper.works_s(True), gripper.works_s(False)) == (60.0, 9.0, 0.0, 0.0)
     assert gripper.takes(shape_of("cube"), 1.0) == ""
     assert GRIPPER.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == ""
-    small = TwoFingers(opening_mm=20.0)
-    assert small.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == "no grasp holds it as it lies"
+    small = TwoFingers(opening_mm=20.0, side_clearance_mm=5.0, tip_clearance_mm=3.0)
+    why = small.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why
+    assert "tips 3 mm over the table and 10 mm between the fingers" in why
+    assert "lay it on another side, or mount another gripper" in why
+
+
+def test_a_plate_with_a_boss_reaches_too_little_between_fingers_whose_tips_stay_over_the_table():
+    """The plate is 7 mm thick, and its boss another 6: neither leaves each finger 3 mm to rest on."""
+    cover = machined.drawings()["cover"].solid
+    plate = int(np.where(cover.normals[:, 2] < -0.99, -cover.centres_mm[:, 2], -np.inf).argmax())
+    lies = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([450.0, 0.0, -300.0])) @ cover.flat_from_solid[plate]
+    assert GRIPPER.grasps(cover, lies, -300.0, 1.0).why.startswith("no grasp holds it as it lies")
+    nearer = msgspec.structs.replace(GRIPPER, tip_clearance_mm=3.0)
+    assert {round(grasp.width_mm) for grasp in two_fingers.grasps(cover, lies, -300.0, nearer)} == {50, 70}
 
 
 def test_what_each_finger_rests_on_reaches_deep_enough_between_them_for_a_part_seen_too_high():
