@@ -321,9 +321,10 @@ class _FingerLines(NamedTuple):
 
 @lru_cache(maxsize=2)
 def _base(gripper: TwoFingers) -> Array:
-    """(L, 2) x and z of the lines."""
+    """(L, 2) x and z of the lines, some of them just as deep as what a finger rests on must reach."""
     half = gripper.finger_width_mm / 2
-    x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
+    rows = np.union1d(np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31), gripper.tip_mm - EACH_BITE_MM)
+    x, z = np.meshgrid(np.linspace(-half, half, 9), rows)
     return np.column_stack([x.ravel(), z.ravel()])
 
 
