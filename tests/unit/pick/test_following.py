@@ -385,6 +385,19 @@ def test_turns_that_edges_bear_out_about_equally_are_in_the_covariance(
     assert (frames.rms_deg(fit.covariance[3:, 3:]) > 25.0) is not sure
 
 
+def test_a_turn_that_looks_the_same_leaves_nothing_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    half, near = symmetries(KNOB).motions[1], np.eye(4)
+    monkeypatch.setattr(following, "aligned_to_edges", lambda solids, stereo, poses, mm: poses)
+    monkeypatch.setattr(following, "_nats_at", lambda shape, stereo, pose: 0.0)
+    monkeypatch.setattr(
+        following, "by_edges", lambda _, __, pose, ___: Fit(near if pose is near else half, 1e-6 * np.eye(6), 0.1, 9)
+    )
+    seen: Any = SimpleNamespace(stereo=None)
+    fit = following.by_edges_in_any_turn(KNOB, seen, near, 6.0, known_to(90.0))
+    assert fit is not None
+    assert frames.rms_deg(fit.covariance[3:, 3:]) < 1.0
+
+
 def test_turns_are_tried_of_what_is_round_and_as_long_as_its_turn_is_not_known() -> None:
     counts = len(known_to(90.0)), len(known_to(2.6)), len(known_to(2.4)), len(known_to(90.0, shape_of("cube")))
     assert counts == (36, 36, 1, 1)
