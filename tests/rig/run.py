@@ -35,7 +35,7 @@ def daemon() -> guest.Outcome:
         otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
     ):
         files = " ".join(f"tests/rig/guest/test_{part}.py" for part in ("daemon", "serial", "ending"))
-        return guest.run(PYTEST + files, 1500.0, guest.FOLDER / "results/daemon", extra=devices)
+        return guest.run(PYTEST + files, 2400.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
 def package() -> guest.Outcome:
