@@ -57,7 +57,7 @@ async def looking(
 ) -> Literal[PickEvent.LOOKED, PickEvent.ELSEWHERE, PickEvent.LOST]:
     """Look, and find the target again."""
     target = world.the_target()
-    expected = expected_at(target.label, target.shape, target.world_from_part, target.confidence, target.turns)
+    expected = expected_at(target.label, target.shape, target.world_from_part, target.confidence, target.estimate)
     seen = await look(context, world, "approach", expected)
     target.looked_before, target.look, target.looks = target.look, seen, target.looks + 1
     fit = seen.tracked or await context.cell.compute(fitted, target, seen)

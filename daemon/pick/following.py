@@ -18,9 +18,7 @@ from daemon.pick.looks import CapturedPair, Expected, Look
 from daemon.pick.planning import Plan, SetDown
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
-from daemon.vision.evidence import hole_nats
 from daemon.vision.geometry import Polyhedron, SolidBatch, StereoRig
-from daemon.vision.hypotheses import turns_about_axis
 from daemon.vision.image import StereoImages
 from daemon.vision.model import symmetries
 from daemon.vision.refine import (
@@ -118,18 +116,18 @@ class Target:
         """(3,) world mm: mean of the shape's corners where they are now thought to be."""
         return np.asarray(frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0))
 
-    @property
-    def turns(self) -> Array:
-        """(T, 4, 4) motions of the part, none first, between which the looks so far do not decide."""
-        return AS_THOUGHT if self.estimate is None else undecided_turns(self.shape, self.estimate)
-
 
 AS_THOUGHT = np.eye(4)[None]
 
 
-def undecided_turns(shape: Polyhedron, estimate: Estimate) -> Array:
+def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
     """(T, 4, 4) the turns of a round part about its axis, none first, each by as little as its symmetry allows; none
-    alone where the estimate has the turn to within half a step of these, or the part is not round."""
+    alone where the estimate has the turn to within half a step of these, or the part is not round, or there is no
+    estimate yet."""
+    from daemon.vision.hypotheses import turns_about_axis  # in the worker: the daemon's process loads no hypotheses
+
+    if estimate is None:
+        return AS_THOUGHT
     turns, alike = turns_about_axis(shape), symmetries(shape).motions
     if len(turns) == 1:
         return AS_THOUGHT
@@ -155,7 +153,8 @@ def fitted(target: Target, look: Look) -> Fit | None:
     likely = found if len(found) == 1 else _confirmed_by_edges(target.shape, look.taken.stereo, found)
     start = min(likely, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     pose = start.cyclopean_from_part
-    return by_edges_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, target.turns) or start
+    turns = undecided_turns(target.shape, target.estimate)
+    return by_edges_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, turns) or start
 
 
 def _confirmed_by_edges(shape: Polyhedron, stereo: StereoImages, fits: Sequence[Fit]) -> list[Fit]:
@@ -221,6 +220,8 @@ def by_edges_in_any_turn(
 
 def _nats_at(shape: Polyhedron, stereo: StereoImages, pose: Array) -> float:
     """By how many nats edges and holes speak for a part at a pose (4, 4) cyclopean_from_part."""
+    from daemon.vision.evidence import hole_nats  # as undecided_turns
+
     samples = edge_samples_of(SolidBatch.of([shape]), stereo, pose[None], TOLERANCE_MM)
     return EdgeEvidence.of(samples).nats + hole_nats(shape, pose, stereo)
 
@@ -232,24 +233,30 @@ def _apart(shape: Polyhedron, one: Fit, other: Fit) -> Array:
     return min(motions, key=lambda motion: float(np.linalg.norm(motion[3:])))
 
 
-def _in_its_place(shape: Polyhedron, world_from_part: Array, turns: Array, taken: CapturedPair) -> Fit | None:
-    """A part's pose by its edges about where it is thought to lie, in one of some turns, None where they do not show
-    there."""
+def _in_its_place(
+    shape: Polyhedron, world_from_part: Array, estimate: Estimate | None, taken: CapturedPair
+) -> Fit | None:
+    """A part's pose by its edges about where it is thought to lie, in whichever turn the estimate leaves open; None
+    where they do not show there."""
     near = frames.inverse(taken.world_from_cyclopean) @ world_from_part
-    return by_edges_in_any_turn(shape, taken, near, REACH_MM, turns)
+    return by_edges_in_any_turn(shape, taken, near, REACH_MM, undecided_turns(shape, estimate))
 
 
 def expected_at(
-    label: str, shape: Polyhedron, world_from_part: Array, confidence: float = 1.0, turns: Array = AS_THOUGHT
+    label: str,
+    shape: Polyhedron,
+    world_from_part: Array,
+    confidence: float = 1.0,
+    estimate: Estimate | None = None,
 ) -> Expected:
-    """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name; turns
-    (T, 4, 4): see Target."""
-    return Expected(label, confidence, shape, partial(_in_its_place, shape, world_from_part, turns))
+    """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name;
+    estimate: of the looks so far."""
+    return Expected(label, confidence, shape, partial(_in_its_place, shape, world_from_part, estimate))
 
 
 def still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
-    return _in_its_place(target.shape, target.world_from_part, AS_THOUGHT, look.taken) is not None
+    return _in_its_place(target.shape, target.world_from_part, None, look.taken) is not None
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,8 @@ Twelve in all, from odds of -9 on, gave the same names in heaps and took 13 ms m
 ALIKE, LEAST_BY_SIZE, MOST_OFF_SIZE = 2.0, 0.5, 1.5
 """Lead by own edges, log odds, within which the measured edges decide between two parts of nearly one size; nats by
 which these must; and nats that another size than the likelier part's may have, as it may be one that nobody taught. Of
-tests/bench/arcs.py's parts (seeds 421 to 424) the true size has .7 at most, one 5 % off .1 to 9."""
+those of tests/bench/arcs.py's parts that were looked into (seeds 421 to 424) the true size had .7 at most, one 5 % off
+.1 to 9."""
 HOLES_APART = 3.0
 """Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
 for a turn of it that is none."""

@@ -12,7 +12,6 @@ from daemon.arm import InWorld
 from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach, following, pose_fusion, take
-from daemon.pick.following import Target
 from daemon.pick.grippers.two_fingers import FingerGrasp
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import SuspectError
@@ -184,11 +183,12 @@ def test_a_part_whose_turn_does_not_show_along_the_approach_is_looked_at_from_a_
 def test_a_look_on_the_approach_is_made_for_every_turn_that_the_looks_before_left_open(monkeypatch):
     context, world = begun(one_part())
     brought_to(PickState.LOOKING, context, world)
-    turns, asked, expected = np.stack([np.eye(4)] * 3), [], following.expected_at
-    monkeypatch.setattr(Target, "turns", property(lambda _: turns))
+    asked, expected = [], following.expected_at
+    known = pose_fusion.Estimate(world.the_target().world_from_part, 1e-6 * np.eye(6), 1e-6 * np.eye(6))
+    world.the_target().estimate = known
     monkeypatch.setattr(approach, "expected_at", lambda *known: asked.append(known[-1]) or expected(*known[:-1]))
     assert step(context, world, PickState.LOOKING) is PickEvent.LOOKED
-    assert asked == [turns]
+    assert asked == [known]
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
         shape=shape,
         world_from_part=frames.perturb(truth, np.full(6, 0.01)),
         centre=corners.mean(0),
-        turns=following.AS_THOUGHT,
+        estimate=None,
     )
     fit = fitted(target, look)
     assert fit is not None
@@ -213,7 +213,7 @@ def test_facets_that_are_sure_and_taken_for_others_do_not_outweigh_the_pose_that
         world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=taken(pair, believed.rig)
     )
     target: Any = SimpleNamespace(
-        label="cube", shape=shape, world_from_part=named, centre=corners.mean(0), turns=following.AS_THOUGHT
+        label="cube", shape=shape, world_from_part=named, centre=corners.mean(0), estimate=None
     )
     monkeypatch.setattr(following, "by_edges", lambda *_: None)
     fit = fitted(target, look)
@@ -326,14 +326,19 @@ def off_deg(fit: Fit | None, truth: Array) -> float:
     return float(np.degrees(min(frames.angle_between(way, fit.cyclopean_from_part) for way in ways)))
 
 
-def known_to(deg: float, shape: Polyhedron = KNOB) -> Array:
-    """The turns that are left of a part whose pose is known to so many degrees about each axis."""
+def known_to(deg: float) -> Estimate:
+    """A pose that is known to so many degrees about each axis."""
     covariance = np.diag([0.01] * 3 + [np.radians(deg) ** 2] * 3)
-    return following.undecided_turns(shape, Estimate(np.eye(4), covariance, covariance))
+    return Estimate(np.eye(4), covariance, covariance)
+
+
+def turns_left(deg: float, shape: Polyhedron = KNOB) -> Array:
+    """The turns that are left of a part whose pose is known to so many degrees about each axis."""
+    return following.undecided_turns(shape, known_to(deg))
 
 
 def turned_knob(truth: Array, deg: float) -> Array:
-    about = known_to(90.0)[1]
+    about = turns_left(90.0)[1]
     axis = frames.vector_from_rotation(about[:3, :3])
     turned = frames.rotation_from_vector(axis / np.linalg.norm(axis) * np.radians(deg))
     middle = np.linalg.lstsq(np.eye(3) - about[:3, :3], about[:3, 3], rcond=None)[0]
@@ -347,13 +352,13 @@ def test_a_round_part_of_unknown_turn_is_found_in_the_turn_that_its_edges_have(d
     near = turned_knob(truth, deg)
     as_thought = expected_at("knob", KNOB, near).fit(seen)
     assert as_thought is None or off_deg(as_thought, truth) > 5.0
-    assert off_deg(expected_at("knob", KNOB, near, turns=known_to(90.0)).fit(seen), truth) < 1.5
+    assert off_deg(expected_at("knob", KNOB, near, estimate=known_to(90.0)).fit(seen), truth) < 1.5
     name = Recognition("knob", 0.9, 0.0, 0.0, None, False, "its edges")
     facet = measured(frames.apply(near, KNOB.corners_mm[KNOB.rings[0]]), None, 100.0)
     part = Part(name, (facet,), near, np.diag([1.0] * 3 + [1e-2] * 3), 0.2, (), near[None])
     look: Any = SimpleNamespace(world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=seen)
     target: Any = SimpleNamespace(
-        label="knob", shape=KNOB, world_from_part=near, centre=near[:3, 3], turns=known_to(90.0)
+        label="knob", shape=KNOB, world_from_part=near, centre=near[:3, 3], estimate=known_to(90.0)
     )
     assert off_deg(fitted(target, look), truth) < 1.5
 
@@ -361,7 +366,7 @@ def test_a_round_part_of_unknown_turn_is_found_in_the_turn_that_its_edges_have(d
 def test_from_where_no_turn_of_a_round_part_shows_it_stays_as_thought_and_its_turn_unknown() -> None:
     seen, truth = knob_seen(10.0)
     near = turned_knob(truth, 33.0)
-    fit = expected_at("knob", KNOB, near, turns=known_to(90.0)).fit(seen)
+    fit = expected_at("knob", KNOB, near, estimate=known_to(90.0)).fit(seen)
     assert off_deg(fit, near) < 1.5
     assert fit is not None
     assert frames.rms_deg(fit.covariance[3:, 3:]) > 20.0
@@ -372,7 +377,7 @@ def test_turns_that_edges_bear_out_about_equally_are_in_the_covariance(
     monkeypatch: pytest.MonkeyPatch, lead: float, sure: bool
 ) -> None:
     """The look has one of two turns ahead of all others by so many nats."""
-    turns, own = known_to(90.0), 1e-6 * np.eye(6)
+    turns, own = turns_left(90.0), 1e-6 * np.eye(6)
     monkeypatch.setattr(following, "aligned_to_edges", lambda solids, stereo, poses, mm: poses)
     monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, mm: Fit(near, own, 0.1, 9))
     scores = [(np.eye(4), 20.0), (turns[6], 30.0), (turns[12], 30.0 + lead)]
@@ -393,15 +398,15 @@ def test_a_turn_that_looks_the_same_leaves_nothing_undecided(monkeypatch: pytest
         following, "by_edges", lambda _, __, pose, ___: Fit(near if pose is near else half, 1e-6 * np.eye(6), 0.1, 9)
     )
     seen: Any = SimpleNamespace(stereo=None)
-    fit = following.by_edges_in_any_turn(KNOB, seen, near, 6.0, known_to(90.0))
+    fit = following.by_edges_in_any_turn(KNOB, seen, near, 6.0, turns_left(90.0))
     assert fit is not None
     assert frames.rms_deg(fit.covariance[3:, 3:]) < 1.0
 
 
 def test_turns_are_tried_of_what_is_round_and_as_long_as_its_turn_is_not_known() -> None:
-    counts = len(known_to(90.0)), len(known_to(2.6)), len(known_to(2.4)), len(known_to(90.0, shape_of("cube")))
+    counts = len(turns_left(90.0)), len(turns_left(2.6)), len(turns_left(2.4)), len(turns_left(90.0, shape_of("cube")))
     assert counts == (36, 36, 1, 1)
-    assert max(np.degrees(frames.angle_between(np.eye(4), one)) for one in known_to(90.0)) < 90.1
+    assert max(np.degrees(frames.angle_between(np.eye(4), one)) for one in turns_left(90.0)) < 90.1
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).filter(any), st.floats(0.1, 2.0), st.floats(0.05, 1.0))

@@ -73,6 +73,10 @@ def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.M
     monkeypatch.setattr("daemon.service.pick_cell", lambda *_: (Mock(), Settings()))
     service: Any = Service(Path("facetd.yaml"))
     service._hardware = Mock()
-    config = Mock(state=tmp_path, places=CellPlaces(), **{"values.signals": {}, "values.modbus": None})
+    config = Mock(
+        state=tmp_path,
+        places=CellPlaces(),
+        **{"values.signals": {}, "values.modbus": None, "values.vision.budget_s": 1.0},
+    )
     context = service._furnish(config, Mock(), Mock(), Troubles(), Mock())
     assert isinstance(context.cycle.observer, CycleObserver)
