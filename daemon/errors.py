@@ -43,11 +43,16 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def fault_text(error: BaseException) -> str:
-    """What a fault tells people: the message of an error that facetd or its drivers raise or the system reports; any
-    other is a fault of the program, and named as such with its class."""
+def internal_error(error: BaseException) -> str:
+    """What people are told of a fault of the program."""
+    return f"internal error in facetd: {type(error).__name__}: {one_line(error)}"
+
+
+def error_text(error: BaseException) -> str:
+    """The text of a fault that an error causes: its message, where facetd or its drivers raise it or the system reports
+    it; any other is a fault of the program."""
     known = isinstance(error, FacetdError | OSError) or type(error).__module__.startswith("drivers.")
-    return one_line(error) if known else f"internal error in facetd: {type(error).__name__}: {one_line(error)}"
+    return one_line(error) if known else internal_error(error)
 
 
 class FacetdError(Exception):

@@ -19,7 +19,7 @@ from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import Workcell
-from daemon.errors import fault_text
+from daemon.errors import error_text
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 
 T = TypeVar("T")
@@ -47,7 +47,7 @@ class Supervisor:
         self.hold = PauseAndStep(self.permission, interrupted)
         """Pause, step mode, and the move that waits for confirmation."""
         self.mover = Mover(cell, limits, arrival, self.hold.wait)
-        self.fault_cause = BY_OPERATOR
+        self.stop_cause = BY_OPERATOR
         """The cause of the last stop; an alarm about that stop has the same cause."""
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
@@ -289,7 +289,7 @@ class Supervisor:
         if fault is not None and not self._stopping.alarm:
             self._join(fault, cause)
         if not self._stopping.alarm:
-            self.fault_cause = cause
+            self.stop_cause = cause
         if not self.permission.stop_as_granted:
             self.permission.withdraw()
         self.ended_by = event
@@ -338,7 +338,7 @@ class Supervisor:
             self._alarmed_in = self._openings
             active = self.permission.fault
             self.permission.fault = Fault(text) if active is None else replace(active, text=text)
-            self._report(JobEvent.ERROR, text, self.fault_cause)
+            self._report(JobEvent.ERROR, text, self.stop_cause)
 
     def _report(self, event: JobEvent, fault: str | None, cause: FaultCause) -> None:
         if fault is not None:
@@ -371,13 +371,13 @@ class Supervisor:
             elif permission.fault is None and (
                 moves or (cause.code is CauseCode.OTHER_TERMINAL and permission.granted)
             ):
-                text = fault_text(error)
+                text = error_text(error)
                 await self.stop_arm(JobEvent.ERROR, text, text, cause)
             raise
 
     def _latch_others(self, error: Exception) -> None:
         """Make a fault active where an otherwise ignored error says that somebody else types on the line."""
-        cause, text = cause_of(error), fault_text(error)
+        cause, text = cause_of(error), error_text(error)
         if cause.code is CauseCode.OTHER_TERMINAL:
             self._join(text, cause)
             self._report_fault(text, cause)

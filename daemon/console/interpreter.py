@@ -19,7 +19,7 @@ from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, ends_as_a_stop, means_stop
 from daemon.console.text_layout import by_pages, fold, prose, table
-from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, one_line, printable
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, internal_error, one_line, printable
 from daemon.events.codes import CauseCode, cause_of
 from daemon.maintenance import journal
 from daemon.quantities import shown, whole
@@ -435,8 +435,7 @@ def either(names: list[str]) -> str:
 
 def _own_fault(error: Exception, before: str = "") -> CommandResult:
     journal.write("trouble", traceback.format_exc(), journal.ERROR)
-    message = f"{before}internal error in facetd: {type(error).__name__}: {one_line(error)}"
-    message += "; run `bundle` and send the file to the maintainer"
+    message = f"{before}{internal_error(error)}; run `bundle` and send the file to the maintainer"
     return CommandResult(message, {"error": message, "why": "internal"}, NOT_DONE)
 
 

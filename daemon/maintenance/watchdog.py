@@ -155,7 +155,7 @@ class Watchdog:
         context = self._context
         new = what not in context.troubles.active
         cause = cause_of(error)
-        cause = FaultCause(SOURCES[what]) if cause.code is CauseCode.INTERNAL and not cause.findings else cause
+        cause = FaultCause(SOURCES[what]) if cause.code is CauseCode.INTERNAL else cause
         context.troubles.report(what, f"{what}: {error}", cause)
         if new:
             await self._stop_enabled_arm(what, str(error), cause)

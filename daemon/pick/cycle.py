@@ -34,7 +34,7 @@ from daemon.arm import (
     in_view,
 )
 from daemon.arrays import Array
-from daemon.errors import fault_text
+from daemon.errors import error_text
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
@@ -608,13 +608,13 @@ class PickCycle:
             await self._run_states(context, world)
         except asyncio.CancelledError:
             by = supervisor.ended_by if supervisor.permission.fault and supervisor.ended_by else JobEvent.ABORT
-            code = supervisor.fault_cause.code if supervisor.permission.fault else CauseCode.OPERATOR_ABORT
+            code = supervisor.stop_cause.code if supervisor.permission.fault else CauseCode.OPERATOR_ABORT
             self._cut_short(world, by, supervisor.fault_text or "a person gave `abort`", code)
         except OperatorRefusedError as error:
             self._cut_short(world, JobEvent.ABORT, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(JobEvent.ABORT, str(error), None)
         except Exception as error:
-            why, cause = fault_text(error), cause_of(error)
+            why, cause = error_text(error), cause_of(error)
             world.gripper_opened &= cause.code is not CauseCode.SENSOR_DISAGREES
             self._cut_short(world, JobEvent.ERROR, why, cause.code)
             await self._stop_arm(JobEvent.ERROR, why, why, cause)

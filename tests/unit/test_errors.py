@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import daemon
-from daemon.errors import FacetdError, fault_text
+from daemon.errors import FacetdError, error_text
 from drivers.val2.errors import ControllerError
 
 FOR_CALLERS = {"FacetdError", "UndeterminedError"}
@@ -33,4 +33,4 @@ def test_an_error_that_is_no_fault_of_the_program_has_the_root_for_people():
     ],
 )
 def test_a_fault_names_the_class_of_an_error_only_where_it_is_one_of_the_program(error: Exception, told: str) -> None:
-    assert fault_text(error) == told
+    assert error_text(error) == told

@@ -6,6 +6,7 @@ shape's nearest and the pose cannot jump to another of a symmetric part's equal 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -81,6 +82,7 @@ def _fit_to_facets(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate
     return _judged(shape, pose, corners[keep], nearest[keep], whitens[keep])
 
 
+@lru_cache(maxsize=1024)
 def _ends_of_chords(shape: Polyhedron) -> Flags:
     """(K,) which corners of a shape are the ends of chords of an arc, and not one of its own two ends."""
     found = np.zeros(len(shape.corners_mm), bool)

@@ -53,7 +53,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
         assert end.outcome == "fault"
         assert SAID[fault] in end.why
         assert SAID[fault] in (supervisor.fault_text or "")
-        assert supervisor.fault_cause.code is CauseCode.COMPUTATION
+        assert supervisor.stop_cause.code is CauseCode.COMPUTATION
         assert await supervisor.at_rest()
         with pytest.raises(MoveRefusedError, match="fault_active"):
             await cycle.go("home")
