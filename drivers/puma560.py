@@ -7,8 +7,9 @@ The base frame sits at the shoulder (crossing of axes 1 and 2), z up; the flange
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, ceil, cos, hypot, pi, sin
 
 import numpy as np
 
@@ -63,6 +64,16 @@ class ArmGeometry:
     def reach_mm(self) -> float:
         """How far from the shoulder the tool centre point gets, at most, the shoulder's offset aside."""
         return self.a2_mm + self.forearm_mm + float(np.linalg.norm(self.flange_from_tool[:3, 3]))
+
+    @cached_property
+    def base_from_world(self) -> Array:
+        """(4, 4) mm."""
+        return _undo(self.world_from_base)
+
+    @cached_property
+    def tool_from_flange(self) -> Array:
+        """(4, 4) mm."""
+        return _undo(self.flange_from_tool)
 
     @property
     def tool_for_controller(self) -> Array:
@@ -144,7 +155,7 @@ def inverse_along(world_from_tool: Array, near_rad: Array, arm: ArmGeometry = PU
     joint's limit is nan. At a straight wrist joint 4 is not to be relied on.
     """
     configuration = configuration_of(near_rad.reshape(-1, 6)[0], arm)
-    base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
+    base_from_flange = arm.base_from_world @ world_from_tool @ arm.tool_from_flange
     arm_rad = _arm_angles(base_from_flange[:, :3, 3], configuration, arm)
     q1, q23 = arm_rad[:, 0], arm_rad[:, 1] + arm_rad[:, 2]
     c1, s1, c23, s23 = np.cos(q1), np.sin(q1), np.cos(q23), np.sin(q23)
@@ -171,7 +182,7 @@ def inverse(
     Raises UnreachableError: out of range, or which joint would pass its limit.
     """
     near = np.zeros(6) if near_rad is None else near_rad
-    base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
+    base_from_flange = arm.base_from_world @ world_from_tool @ arm.tool_from_flange
     arm_rad = _arm_angles(base_from_flange[:3, 3], configuration, arm)
     if not np.isfinite(arm_rad).all():
         raise UnreachableError(_out_of_reach(base_from_flange[:3, 3], arm))
@@ -180,8 +191,8 @@ def inverse(
     if hypot(turned[0, 2], turned[1, 2]) < SINGULAR_SIN_Q5:
         rest = _rotation_z(-near[3]) @ turned
         wrist = np.array([near[3], wrist[1], atan2(rest[1, 0], rest[1, 1])])
-    raw = [*arm_rad.tolist(), *wrist.tolist()]
-    return np.array([_within(k, raw[k], near[k], arm.limits_rad[k]) for k in range(6)])
+    raw, limits = [*arm_rad.tolist(), *wrist.tolist()], arm.limits_rad.tolist()
+    return np.array([_within(k, raw[k], float(near[k]), *limits[k]) for k in range(6)])
 
 
 def solutions(
@@ -269,14 +280,15 @@ def _wrist_angles(forearm_from_flange: Array, flip: bool) -> Array:
     )
 
 
-def _within(joint: int, angle: float, near: float, limits: Array) -> float:
-    """The turn of angle within limits (2,) nearest to near. Raises UnreachableError naming the joint (0 to 5)."""
-    low, high = limits[0] - LIMIT_SLACK_RAD, limits[1] + LIMIT_SLACK_RAD
-    first = angle - 2 * pi * np.ceil((angle - low) / (2 * pi) - 1e-15)
-    turns = [turn for turn in first + 2 * pi * np.arange(4) if low <= turn <= high]
+def _within(joint: int, angle: float, near: float, lowest: float, highest: float) -> float:
+    """The turn of angle from lowest to highest that is nearest to near. Raises UnreachableError naming the joint (0 to
+    5)."""
+    low, high = lowest - LIMIT_SLACK_RAD, highest + LIMIT_SLACK_RAD
+    first = angle - 2 * pi * ceil((angle - low) / (2 * pi) - 1e-15)
+    turns = [turn for turn in (first + 2 * pi * k for k in range(4)) if low <= turn <= high]
     if not turns:
         raise UnreachableError(f"joint {joint + 1} out of range", joint + 1)
-    return float(min(turns, key=lambda turn: abs(turn - near)))
+    return min(turns, key=lambda turn: abs(turn - near))
 
 
 def _undo(b_from_a: Array) -> Array:
