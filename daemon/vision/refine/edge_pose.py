@@ -35,6 +35,7 @@ from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, PRIOR, UNMEASURED
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import (
     LEAST_EVIDENCE,
+    LEAST_LENGTH_PX,
     LEAST_SUPPORT,
     LINE_TAIL,
     SCALE,
@@ -42,6 +43,7 @@ from daemon.vision.refine.expected_edges import (
     EdgeObservation,
     ExpectedEdges,
     across,
+    longest_runs,
     measure_edges,
     moved,
     nothing_found,
@@ -74,7 +76,8 @@ FARTHEST_CHI2 = chi_square_limit(6, 1e-3)
 """How far lines may lead a part from where stretches have it, by the covariance that it has there beforehand: one of
 which some edges only stay in view may be led along these."""
 STRETCHES, LEAST_IN_VIEW = 8, 0.5
-"""In how many places along an edge it is asked whether the part itself hides it, and how much of it must be in view."""
+"""In how many places along an edge it is asked whether the part itself hides it, and how much of an arc's chord must be
+in view."""
 SEARCH_DEG = 3.0
 PASSES = 5
 LEAST_OUTLINE = 0.75
@@ -143,20 +146,29 @@ def locate_by_edges(shape: Polyhedron, images: StereoImages, near: Array, reach_
 def _project_unhidden_edges(
     solids: SolidBatch, images: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> tuple[ExpectedEdges, ExpectedEdges]:
-    """Project one placement into the left and the right camera: the edges that the part itself does not hide."""
-    both = project_edges(solids, images, poses, np.ones(1, bool), tolerance_mm)
-    if solids.shapes[0].convex:
-        return both
+    """Project placements into the left and the right camera: the edges that each part does not hide itself."""
     left, right = (
-        edges.only(np.flatnonzero(_in_view(solids, edges, poses, viewpoint_mm)), solids.corners_of(0))
-        for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True)
+        _unhidden(solids, edges, poses, viewpoint_mm)
+        for edges, viewpoint_mm in zip(
+            project_edges(solids, images, poses, np.ones(len(poses), bool), tolerance_mm),
+            images.geometry.cameras_mm,
+            strict=True,
+        )
     )
     return left, right
 
 
-def _in_view(solids: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array) -> Flags:
-    """(E,) which edges a camera at viewpoint_mm (3,) has in view, as far as each part does not hide its own."""
-    return np.asarray(visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW)
+def _unhidden(solids: SolidBatch, edges: ExpectedEdges, poses: Array, viewpoint_mm: Array) -> ExpectedEdges:
+    """The edges that a camera at viewpoint_mm (3,) has in view, as far as each part does not hide its own: a straight
+    one from where to where most of it shows, a chord of an arc as a whole."""
+    if all(solid.convex for solid in solids.shapes):
+        return edges
+    shows = visible_stretches(solids, edges, poses, viewpoint_mm, STRETCHES)
+    first, last = longest_runs(shows)
+    arcs = np.any(edges.bow != 0.0, axis=1)
+    cut = edges.between(np.where(arcs, 0.0, first / STRETCHES), np.where(arcs, 1.0, last / STRETCHES))
+    seen = np.where(arcs, shows.mean(axis=1) > LEAST_IN_VIEW, cut.lengths_px >= LEAST_LENGTH_PX)
+    return cut.chosen(np.flatnonzero(seen))
 
 
 def _hold_pose(observed: Sequence[EdgeObservation]) -> bool:
@@ -236,11 +248,8 @@ def expected_covariance(shape: Polyhedron, rig: StereoRig, poses: Array) -> Arra
     blank = np.zeros(rig.image_size[::-1], np.uint8)
     images, solids = open_stereo(blank, blank, rig), SolidBatch.of([shape] * len(poses))
     information = np.repeat(UNMEASURED[None], len(poses), 0)
-    both = project_edges(solids, images, poses, np.ones(len(poses), bool), TOLERANCE_MM)
-    for edges, viewpoint_mm in zip(both, images.geometry.cameras_mm, strict=True):
-        weight = (_in_view(solids, edges, poses, viewpoint_mm) & edges.sharp) / (
-            EXPECTED_PX**2 + (OF_TOLERANCE * edges.doubt_px) ** 2
-        )
+    for edges in _project_unhidden_edges(solids, images, poses):
+        weight = edges.sharp / (EXPECTED_PX**2 + (OF_TOLERANCE * edges.doubt_px) ** 2)
         each = np.einsum("eni,enj,e->eij", edges.jacobian, edges.jacobian, weight)
         np.add.at(information, edges.owner, each)
     return np.asarray(np.linalg.inv(information))

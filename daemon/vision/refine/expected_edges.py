@@ -5,7 +5,7 @@ them. Edges that may lie farther off are searched for in edge_pose.py.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,6 +121,28 @@ class ExpectedEdges:
         pairs = list(sides_of(ring))
         which = np.array([at.get(pair, at.get(pair[::-1], -1)) for pair in pairs], np.intp)
         return which, np.array([pair not in at and pair[::-1] in at for pair in pairs], bool)
+
+    def between(self, first: Array, last: Array) -> ExpectedEdges:
+        """Return each edge between two shares (E,) of the way from its first corner to its second, as far as it is in
+        the picture; a share of a straight one, or all of an arc's chord."""
+        a, b = self.corners_px[self.ends].swapaxes(0, 1)
+        way = (b - a) / np.maximum(((b - a) ** 2).sum(1), 1e-9)[:, None]
+        at = np.stack([((own - a) * way).sum(1) for own in (self.start, self.end)], 1)
+        begin = np.maximum(at[:, 0], first)
+        there = np.stack([begin, np.maximum(np.minimum(at[:, 1], last), begin)], 1)
+        share = (there - at[:, :1]) / np.maximum(at[:, 1:] - at[:, :1], 1e-9)
+
+        def moved_to(ends: Array) -> Array:
+            wide = share.reshape(*share.shape, *([1] * (ends.ndim - 2)))
+            return np.asarray((1 - wide) * ends[:, :1] + wide * ends[:, 1:])
+
+        start, end = moved_to(np.stack([self.start, self.end], 1)).swapaxes(0, 1)
+        jacobian, by_corner = moved_to(self.jacobian), moved_to(self.by_corner)
+        return replace(self, start=start, end=end, jacobian=jacobian, by_corner=by_corner)
+
+    def chosen(self, which: Index) -> ExpectedEdges:
+        """Return some of the edges, of the same placements."""
+        return replace(self.only(which, slice(0, None)), owner=self.owner[which])
 
     def only(self, own: Index, corners: slice) -> ExpectedEdges:
         """Return what was found of one placement's edges."""
@@ -247,6 +269,17 @@ def visible_stretches(solids: SolidBatch, edges: ExpectedEdges, poses: Array, vi
             places = a[:, None] + shares[None, :, None] * (b - a)[:, None]
             seen[own] = in_sight(solid, places, poses[k], viewpoint_mm)
     return seen
+
+
+def longest_runs(there: Flags) -> tuple[Index, Index]:
+    """(E,) first and (E,) one past the last of the longest run of true ones in each row of there (E, S); equal where
+    there is none."""
+    run = longest = last = np.zeros(len(there), np.intp)
+    for k, here in enumerate(there.T):
+        run = (run + 1) * here
+        last = np.where(run > longest, k + 1, last)
+        longest = np.maximum(run, longest)
+    return last - longest, last
 
 
 def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:
