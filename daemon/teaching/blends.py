@@ -54,7 +54,7 @@ def find_blends(regions: FlatRegions, owner: Index) -> Blends:
 
 def _narrow(regions: FlatRegions, region: int, owner: Index) -> bool:
     """Whether a region is narrow enough for a blend, by its area and its longest shared border."""
-    longest = max((mm for (one, _), mm in regions.shared_mm.items() if one == region), default=0.0)
+    longest = regions.longest_mm.get(region, 0.0)
     return bool(regions.areas[region] < 4 * DEEP_MM * max(longest, DEEP_MM))
 
 

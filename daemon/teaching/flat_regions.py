@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags
 from daemon.teaching.closed_surface import Edge, Surface, edges_of
-from daemon.vision.geometry import area_vector, border_loops, sides_of
+from daemon.vision.geometry import area_vector, border_loops, cross, sides_of
 
 SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
 FIRST_GUESS = 3.0
@@ -37,6 +37,14 @@ class FlatRegions:
         return {(a, b): owner[b, a] for a, b in owner if (b, a) in owner}
 
     @cached_property
+    def longest_mm(self) -> dict[int, float]:
+        """{region: length of its longest shared border}."""
+        found: dict[int, float] = {}
+        for (region, _), mm in self.shared_mm.items():
+            found[region] = max(found.get(region, 0.0), mm)
+        return found
+
+    @cached_property
     def shared_mm(self) -> dict[tuple[int, int], float]:
         """{(region, other): length of their shared border}."""
         found: dict[tuple[int, int], float] = {}
@@ -47,8 +55,8 @@ class FlatRegions:
 
     def turn_rad(self, one: int, other: int) -> float:
         """Angle by which the surface turns from one region to another."""
-        cosine = float(self.normals[one] @ self.normals[other])
-        return float(np.arctan2(np.linalg.norm(np.cross(self.normals[one], self.normals[other])), cosine))
+        normals = self.normals[[one, other]]
+        return float(np.arctan2(np.linalg.norm(cross(normals[:1], normals[1:])), normals[0] @ normals[1]))
 
 
 def flat_regions(surface: Surface, step_mm: float) -> FlatRegions:
@@ -92,7 +100,7 @@ class _Triangles:
     @classmethod
     def of(cls, surface: Surface, step_mm: float) -> _Triangles:
         corners = surface.corners[np.array(surface.triangles)]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         areas = np.linalg.norm(normals, axis=1)
         longest = np.linalg.norm(np.roll(corners, -1, 1) - corners, axis=2).max(axis=1)
         owner = {edge: t for t, triangle in enumerate(surface.triangles) for edge in edges_of(triangle)}

@@ -153,8 +153,8 @@ def inside(points: Array, outlines: Array) -> Flags:
     """(F, P) which points (P, 2) lie inside each of the rings of corners (F, K, 2), convex or not, corners repeated or
     not: a line to the right crosses the border an odd number of times. Of two rings with a side in common, a point on
     it lies in one."""
-    ax, ay = np.moveaxis(outlines, -1, 0)[..., None]
-    bx, by = np.moveaxis(np.roll(outlines, -1, axis=1), -1, 0)[..., None]
+    after = np.concatenate([outlines[:, 1:], outlines[:, :1]], axis=1)
+    ax, ay, bx, by = (ends[..., k, None] for ends in (outlines, after) for k in (0, 1))
     px, py = points.T
     with np.errstate(divide="ignore", invalid="ignore"):
         left = px < ax + (py - ay) * ((bx - ax) / (by - ay))

@@ -9,6 +9,7 @@ say, to the accuracy that decisions need.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -125,6 +126,7 @@ def chi_square_tail(chi2: float, dof: int) -> float:
     return min(tail, 1.0)
 
 
+@lru_cache(maxsize=1024)
 def chi_square_limit(dof: int, probability: float) -> float:
     """The value a chi-square variable of `dof` exceeds with this small probability; 0 for dof 0. By bisection."""
     if dof <= 0:

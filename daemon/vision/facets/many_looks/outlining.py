@@ -162,12 +162,15 @@ def _reached(cell: Array, met: Sequence[_Met]) -> float:
     whole = reached = 0.0
     middle = cell.mean(0)
     steps = (np.arange(GRID) + 0.5) / GRID
+    lines = np.array([line for line, _ in met]).reshape(-1, 3)
+    on = np.abs(cell @ lines[:, :2].T - lines[:, 2]) <= 1e-6
     for k in range(len(cell)):
         a, b = cell[k - 1], cell[k]
         way = b - a
         length = float(np.linalg.norm(way))
-        for line, sides in met:
-            if not sides or length < SAME_MM or np.abs(np.array([a, b]) @ line[:2] - line[2]).max() > 1e-6:
+        for n in np.flatnonzero(on[k - 1] & on[k]).tolist():
+            sides = met[n][1]
+            if not sides or length < SAME_MM:
                 continue
             right, wrong = np.zeros(GRID, bool), np.zeros(GRID, bool)
             for start, end, inward in sides:
@@ -192,20 +195,27 @@ def _alike(line: Array, other: Array, low: Array, high: Array, near_mm: float) -
 
 def _halves(cell: Array, line: Array) -> list[Array]:
     """Split a convex cell by a line into the parts on either side."""
-    off: Array = cell @ line[:2] - line[2]
+    signed: Array = cell @ line[:2] - line[2]
     found = []
-    for side in (1.0, -1.0):
-        ring = list[Array]()
-        for k in range(len(cell)):
-            here, after = side * off[k - 1], side * off[k]
-            if here * after < 0 and min(abs(here), abs(after)) > 1e-9:
-                ring.append(cell[k - 1] + (cell[k] - cell[k - 1]) * here / (here - after))
-            if after > -1e-9:
-                ring.append(cell[k])
-        half = np.array(ring).reshape(-1, 2)
+    for off in (signed.tolist(), (-signed).tolist()):
+        if max(off) <= 1e-9:  # all of the cell is on the other side
+            continue
+        half = cell if min(off) > -1e-9 else _cut(cell, off)
         if len(half) > 2 and abs(_area(half)) > 1e-6:
             found.append(half)
     return found
+
+
+def _cut(cell: Array, off: list[float]) -> Array:
+    """The part of a convex cell whose corners lie so far on the one side of a line, and where its border crosses it."""
+    ring = list[Array]()
+    for k in range(len(cell)):
+        here, after = off[k - 1], off[k]
+        if here * after < 0 and min(abs(here), abs(after)) > 1e-9:
+            ring.append(cell[k - 1] + (cell[k] - cell[k - 1]) * here / (here - after))
+        if after > -1e-9:
+            ring.append(cell[k])
+    return np.array(ring).reshape(-1, 2)
 
 
 def _covered(cells: Sequence[Array], plane: Plane) -> Array:
@@ -263,4 +273,4 @@ def _straightened(ring: Array) -> Array:
 
 def _area(ring: Array) -> float:
     x, y = ring.T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    return float(x[:-1] @ y[1:] - y[:-1] @ x[1:] + x[-1] * y[0] - y[-1] * x[0]) / 2
