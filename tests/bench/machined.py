@@ -85,10 +85,15 @@ def drawings() -> dict[str, Drawing]:
     """The twelve."""
     with np.load(KEPT) as file:
         names = sorted(name.removesuffix("_corners_mm") for name in file if name.endswith("_corners_mm"))
-        meshes = {
-            name: (file[f"{name}_corners_mm"].astype(float), file[f"{name}_triangles"].tolist()) for name in names
-        }
-    return {name: drawing(f"{name}.obj", obj(*mesh)) for name, mesh in meshes.items()}
+    return {name: drawn(name) for name in names}
+
+
+@cache
+def drawn(label: str) -> Drawing:
+    """One of them."""
+    with np.load(KEPT) as file:
+        mesh = file[f"{label}_corners_mm"].astype(float), file[f"{label}_triangles"].tolist()
+    return drawing(f"{label}.obj", obj(*mesh))
 
 
 @cache
@@ -112,7 +117,7 @@ def simulated(seeds: int, first: int = 1) -> Iterator[Look]:
 
 def simulated_look(label: str, seed: int) -> Look:
     """One part alone on the simulated cell's table."""
-    return on_table(label, drawings()[label], np.random.default_rng([*label.encode(), seed]))
+    return on_table(label, drawn(label), np.random.default_rng([*label.encode(), seed]))
 
 
 def on_table(
@@ -162,7 +167,7 @@ def _own_turns(label: str) -> Array:
 @cache
 def drawing_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of its drawing."""
-    return drawing_from_taught(drawings()[label], taught().metric[label].solid)
+    return drawing_from_taught(drawn(label), taught().metric[label].solid)
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeyp
     monkeypatch.setattr(directional_edge_map.DirectionalEdgeMap, "hits", counted_hits)
     monkeypatch.setattr(edge_samples, "stretch_slopes", counted_slopes)
     rng, refused = np.random.default_rng(6), 0
-    rigs = [straight_rig(), *(moved_anywhere(rng) for _ in range(20))]
+    rigs = [straight_rig(), *(moved_anywhere(rng) for _ in range(8))]
     tracemalloc.start()
     try:
         for rig in rigs:
@@ -83,7 +83,7 @@ def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeyp
             assert places < IMAGES * PAIR[0].size
     finally:
         tracemalloc.stop()
-    assert 2 < refused < 18
+    assert 2 < refused < 7
 
 
 def test_a_rig_that_looks_along_its_baseline_is_refused_at_once() -> None:

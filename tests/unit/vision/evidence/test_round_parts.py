@@ -15,7 +15,7 @@ from daemon.vision.hypotheses import turns_about_axis
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import facet_turns
-from tests.bench.machined import Look, drawing_from_part, drawings, named, on_table, simulated_look, taught
+from tests.bench.machined import Look, drawing_from_part, drawn, named, on_table, simulated_look, taught
 from tests.fakes.chosen import few
 
 
@@ -51,7 +51,7 @@ def test_round_parts_are_named_on_patterned_tables(label: str, seed: int) -> Non
     assert named(one)[0] == "right"
 
 
-@pytest.mark.parametrize(("label", "seed"), [("flange", 2), ("flange", 6), ("flange", 22)])
+@pytest.mark.parametrize(("label", "seed"), few([("flange", 2), ("flange", 22), ("flange", 6)], 2))
 def test_the_far_rim_of_a_boss_and_rims_of_a_wall_seen_thin_are_not_missing(label: str, seed: int) -> None:
     """Before a face that looks the same way a rim is as bright as what is behind it; and where a wall turns away, its
     other rim lies in the band beside."""
@@ -60,7 +60,7 @@ def test_the_far_rim_of_a_boss_and_rims_of_a_wall_seen_thin_are_not_missing(labe
     assert missing_share(both) < 0.01
 
 
-@pytest.mark.parametrize(("label", "seed"), few([("filleted_block", 8), ("cover", 18), ("cover", 20)], 2))
+@pytest.mark.parametrize(("label", "seed"), few([("filleted_block", 8), ("cover", 18), ("cover", 20)], 1))
 def test_parts_of_which_no_two_straight_edges_meet_are_named(label: str, seed: int) -> None:
     """Edges that an arc joins meet beyond it, in pictures as in the drawing."""
     assert named(simulated_look(label, seed))[0] == "right"
@@ -72,10 +72,10 @@ def test_a_part_whose_plain_side_has_the_same_outline_is_not_said_to_lie_on_its_
     assert named(simulated_look("cover", seed))[0] != "misplaced"
 
 
-@pytest.mark.parametrize("seed", few([22, 24, 32], 2))
+@pytest.mark.parametrize("seed", few([22, 24, 32], 1))
 def test_a_part_of_which_both_sides_have_one_outline_lies_on_the_known_table_and_not_in_it(seed: int) -> None:
     """From afar a cover was said to lie upside down, 5 mm in the table, and no grasp held it so."""
-    one = on_table("cover", drawings()["cover"], np.random.default_rng([*b"cover", seed]), (450.0, 520.0))
+    one = on_table("cover", drawn("cover"), np.random.default_rng([*b"cover", seed]), (450.0, 520.0))
     up = -(true_pose(one)[:3, :3] @ solid("cover").normals[1])
     level_mm = float((frames.apply(true_pose(one), solid("cover").corners_mm) @ up).min())
     found = look(one.left, one.right, one.rig, taught(), table=TablePlane(up, level_mm)).parts

@@ -62,6 +62,6 @@ def circle(radius_mm: float) -> list[tuple[float, float]]:
 
 def test_of_sizes_a_twentieth_of_a_radius_apart_the_shown_one_is_named_and_no_other() -> None:
     sizes = {"small": half(0.95 * 13.5), "true": HALF, "large": half(1.05 * 13.5)}
-    for seed in (1, 2):
-        assert names(shown(HALF, seed), **sizes) == ["true"]
-        assert names(shown(HALF, seed), small=sizes["small"], large=sizes["large"]) == []
+    one = shown(HALF, 1)
+    assert names(one, **sizes) == ["true"]
+    assert names(one, small=sizes["small"], large=sizes["large"]) == []

@@ -7,8 +7,13 @@ import pytest
 
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.hypotheses.junctions import taught_junctions
-from tests.bench.machined import taught
+from tests.bench.machined import drawn
 from tests.fakes.drawn import box
+from tests.fakes.machined import taught_from
+
+
+def taught(label: str) -> Polyhedron:
+    return taught_from({label: drawn(label)}).metric[label].solid
 
 
 def apexes(solid: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
@@ -21,7 +26,7 @@ def apexes(solid: Polyhedron) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_edges_of_a_rounded_rectangle_meet_in_its_corners() -> None:
     """70 by 50 mm with corners of 8 mm, a pad of 54 by 34 mm whose corners are cut by arcs, both turned by symmetry."""
-    solid = taught().metric["cover"].solid
+    solid = taught("cover")
     at, lengths = apexes(solid)
     middle = (solid.corners_mm.max(0) + solid.corners_mm.min(0)) / 2
     off = {tuple(one) for one in np.sort(np.abs(at - middle)[:, :2], axis=1).round(0).tolist()}
@@ -37,4 +42,4 @@ def test_a_solid_without_arcs_has_corners_only() -> None:
 @pytest.mark.parametrize("label", ["flange", "clevis"])
 def test_edges_that_run_on_parallel_or_not_at_all_meet_nowhere(label: str) -> None:
     """A rounded end joins parallel edges; a disc has none."""
-    assert len(apexes(taught().metric[label].solid)[0]) == 0
+    assert len(apexes(taught(label))[0]) == 0

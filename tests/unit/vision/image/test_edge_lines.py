@@ -85,7 +85,7 @@ def test_a_rough_side_far_inside_a_strong_edge_comes_to_lie_along_it_and_not_acr
 
 def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
     truth, found, predicted = turned_square(0.4), [], []
-    for seed in range(25):
+    for seed in range(10):
         image = painted_polygon(truth, 90.0, 130.0, 3.0, seed)
         sides = fit_sides([(exposed(image), len(truth))], truth, np.roll(truth, -1, 0))
         chord = np.roll(truth, -1, 0) - truth

@@ -46,7 +46,7 @@ def slice_of_cake(sector_deg: float, count: int, radius: float) -> Array:
     return np.vstack([arc, -0.5 * radius * np.array([[np.cos(middle), np.sin(middle), 0.0]])])
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(9, 24), radii, motions, st.integers(0, 23))
 def test_a_disc_is_an_arc_of_360_degrees(count: int, radius: float, motion: Array, by: int) -> None:
     corners = np.roll(frames.apply(motion, disc(count, radius)), by, axis=0)
@@ -58,7 +58,7 @@ def test_a_disc_is_an_arc_of_360_degrees(count: int, radius: float, motion: Arra
 
 
 @given(st.integers(6, 14), st.integers(9, 14), radii, motions, st.integers(0, 14))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_a_sector_is_named_after_its_angle_to_the_step(
     steps: int, count: int, radius: float, motion: Array, by: int
 ) -> None:
@@ -72,7 +72,7 @@ def test_a_sector_is_named_after_its_angle_to_the_step(
     assert f"a{sector_deg}" in name_of(corners, spread(len(corners)))
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(9, 20), st.floats(1.0, 3.0), motions)
 def test_an_arc_stays_one_when_it_is_larger(count: int, scale: float, motion: Array) -> None:
     corners = disc(count, 30.0)
@@ -80,20 +80,20 @@ def test_an_arc_stays_one_when_it_is_larger(count: int, scale: float, motion: Ar
     assert name_of(corners, spread(count)) == name_of(grown, scale**2 * spread(count)) == "disc"
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(3, MIN_CORNERS - 1), radii, motions)
 def test_a_polygon_of_few_corners_is_no_arc(count: int, radius: float, motion: Array) -> None:
     assert find_arc(frames.apply(motion, disc(count, radius)), spread(count)) is None
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(MIN_CORNERS, 16), radii, st.integers(0, 15))
 def test_corners_in_and_out_of_a_circle_are_no_arc(count: int, radius: float, by: int) -> None:
     zigzag = disc(2 * (count // 2), radius) * np.tile([[1.0], [0.8]], (count // 2, 1))
     assert find_arc(np.roll(zigzag, by, axis=0), spread(len(zigzag))) is None
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(9, 20), motions)
 def test_a_facet_of_many_corners_on_a_circle_is_typed_by_its_arc(count: int, motion: Array) -> None:
     assert name_of(frames.apply(motion, disc(count, 30.0)), spread(count)) == "disc"

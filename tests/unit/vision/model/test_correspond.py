@@ -50,7 +50,7 @@ def is_true(found: Correspondence, facets: list[int], corners: dict[int, int]) -
     return found.facets == tuple(facets) and all(found.corners[n] == k for n, k in corners.items())
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.sampled_from(sorted(BODIES)), st.integers(1, 5), seeds)
 def test_the_true_numbering_of_every_part_of_a_known_solid_is_found(name: str, size: int, seed: int) -> None:
     rng, body = np.random.default_rng(seed), BODIES[name]
@@ -60,7 +60,7 @@ def test_the_true_numbering_of_every_part_of_a_known_solid_is_found(name: str, s
     assert {c.explained for c in found} == {len(facets)}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(BODIES)), st.integers(1, 5), seeds)
 def test_every_numbering_keeps_shared_edges_shared_and_corners_apart(name: str, size: int, seed: int) -> None:
     rng, body = np.random.default_rng(seed), BODIES[name]
@@ -92,7 +92,7 @@ def test_a_mirrored_view_is_laid_nowhere_whole(seed: int) -> None:
     assert is_true(only, facets, corners)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(seeds)
 def test_facets_beyond_what_was_taught_stay_open(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -74,7 +74,7 @@ def name_of(corners: Array, covariance: Array) -> str:
     return type_facet(corners, covariance, LIBRARY)[0].name
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(drawn, motions)
 def test_what_is_drawn_in_the_library_is_typed_so_wherever_it_lies(kind: tuple[str, Array], motion: Array) -> None:
     name, corners = kind
@@ -83,7 +83,7 @@ def test_what_is_drawn_in_the_library_is_typed_so_wherever_it_lies(kind: tuple[s
 
 
 @given(st.one_of(drawn.map(lambda kind: kind[1]), irregular), motions, seeds, st.floats(0.5, 3.0))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_typing_does_not_see_motion_numbering_or_scale(corners: Array, motion: Array, seed: int, scale: float) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(0, 0.15, (len(corners), 3, 3))
@@ -98,7 +98,7 @@ def test_typing_does_not_see_motion_numbering_or_scale(corners: Array, motion: A
     np.testing.assert_allclose([t.chi2 for t in one], [t.chi2 for t in other], rtol=1e-5, atol=1e-6)
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(drawn, seeds)
 def test_a_more_particular_type_comes_before_one_that_it_is_a_case_of(kind: tuple[str, Array], seed: int) -> None:
     name, corners = kind
@@ -121,14 +121,14 @@ def test_measured_with_the_noise_that_is_predicted_it_keeps_its_type(name: str) 
     assert kept >= 299
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(lengths, st.floats(1.12, 1.5), motions)
 def test_what_is_surely_longer_than_wide_is_no_square(side: float, ratio: float, motion: Array) -> None:
     corners = rectangle(side, side * ratio)
     assert name_of(frames.apply(motion, corners), spread(4)) == "rectangle"
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(lengths, st.floats(6.0, 30.0), motions)
 def test_what_surely_leans_has_no_right_angles(side: float, lean_deg: float, motion: Array) -> None:
     aside = side * np.tan(np.radians(lean_deg))
@@ -136,7 +136,7 @@ def test_what_surely_leans_has_no_right_angles(side: float, lean_deg: float, mot
     assert name_of(frames.apply(motion, corners), spread(4)) == "polygon4"
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(drawn, motions)
 def test_the_conditions_of_its_type_hold_of_a_drawn_facet(kind: tuple[str, Array], motion: Array) -> None:
     name, corners = kind

@@ -49,7 +49,7 @@ def whole(merged: MetricModel, body: Body) -> bool:
     return (len(solid.facets), len(solid.corners_mm)) == (len(body.facets), len(body.corners_mm))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.permutations(range(len(ROUND))), st.integers(0, 2**31))
 def test_views_from_all_round_make_the_whole_part_in_any_order(order: list[int], seed: int) -> None:
     shown = views(WEDGE, ROUND, seed)
@@ -59,7 +59,7 @@ def test_views_from_all_round_make_the_whole_part_in_any_order(order: list[int],
     np.testing.assert_allclose(edge_lengths(merged.solid), true_lengths(WEDGE), atol=1.2)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.permutations(range(len(ROUND))), st.integers(0, 2**31))
 def test_the_order_changes_the_shape_by_less_than_the_noise(order: list[int], seed: int) -> None:
     shown = views(WEDGE, ROUND, seed)
@@ -67,7 +67,7 @@ def test_the_order_changes_the_shape_by_less_than_the_noise(order: list[int], se
     np.testing.assert_allclose(edge_lengths(one.solid), edge_lengths(other.solid), atol=0.6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**31))
 def test_more_views_of_the_same_side_make_it_surer_and_no_larger(seed: int) -> None:
     shown = views(WEDGE, [ROUND[0]] * 5, seed)
@@ -77,7 +77,7 @@ def test_more_views_of_the_same_side_make_it_surer_and_no_larger(seed: int) -> N
     assert np.trace(five.solid.covariance_mm2.sum(0)) < 0.5 * np.trace(one.solid.covariance_mm2.sum(0))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), st.integers(0, 2**31))
 def test_views_of_a_symmetric_part_keep_its_edges_though_they_could_be_joined_in_several_ways(
     name: str, seed: int
@@ -87,7 +87,7 @@ def test_views_of_a_symmetric_part_keep_its_edges_though_they_could_be_joined_in
     assert np.abs(edge_lengths(merged.solid)[:, None] - lengths).min(1).max() < 1.2
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**31))
 def test_a_view_of_another_part_stays_out(seed: int) -> None:
     stranger = prism(np.array([[0.0, 0], [80, 0], [66, 52], [12, 60]]), 44.0)
@@ -95,7 +95,7 @@ def test_a_view_of_another_part_stays_out(seed: int) -> None:
     assert merge_views(shown, LIBRARY).joined == (0,)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.permutations(range(3)), st.integers(0, 2**31))
 def test_the_part_frame_sits_at_its_corners_middle_on_the_first_facet(order: list[int], seed: int) -> None:
     shown = views(WEDGE, ROUND[:3], seed)

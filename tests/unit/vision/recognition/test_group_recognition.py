@@ -51,7 +51,7 @@ def test_the_six_views_make_six_nodes_and_one_whole_shape_a_part() -> None:
     assert all(len(m.joined) == sum(v.label == n for v in model.views) for n, m in model.metric.items())
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), directions, st.floats(-3, 3), seeds)
 def test_a_taught_part_keeps_its_name_under_any_rigid_motion(
     label: str, direction: tuple[float, ...], roll: float, seed: int
@@ -60,7 +60,7 @@ def test_a_taught_part_keeps_its_name_under_any_rigid_motion(
     assert named_or_silent(part, label), part.recognition.reason
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.sampled_from(sorted(KNOWN | STRANGERS)), directions, st.floats(-3, 3), seeds)
 def test_what_stands_leaves_a_share_to_what_was_not_taught_and_a_name_has_the_sum_of_its_poses(
     label: str, direction: tuple[float, ...], roll: float, seed: int
@@ -78,14 +78,14 @@ def test_what_stands_leaves_a_share_to_what_was_not_taught_and_a_name_has_the_su
         assert np.linalg.norm(there - middles, axis=1).max() < 8.0, "each seen facet lies where the taught one does"
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(STRANGERS)), directions, st.floats(-3, 3), seeds)
 def test_a_part_never_taught_is_never_named(label: str, direction: tuple[float, ...], roll: float, seed: int) -> None:
     part = look(STRANGERS[label], direction, roll, seed)
     assert part.recognition.label == "unknown", part.recognition.reason
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), directions, seeds, st.randoms())
 def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
     label: str, direction: tuple[float, ...], seed: int, random: object
@@ -166,7 +166,7 @@ def test_the_mirror_image_of_a_handed_part_is_refused() -> None:
     assert mirrored.recognition.label == "unknown"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), directions, st.floats(-3, 3), seeds)
 def test_the_pose_puts_taught_corners_on_true_ones_within_its_covariance(
     label: str, direction: tuple[float, ...], roll: float, seed: int

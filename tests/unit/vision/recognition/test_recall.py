@@ -127,7 +127,7 @@ def test_a_box_is_recalled_at_each_of_its_corners_beside_whatever_shows_the_same
     assert sorted(rivals) == [("cut here",)] * 4 + [("cut there",)] * 4
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), directions, seeds)
 def test_without_nodes_nothing_is_recalled_and_nothing_is_named(label, direction, seed) -> None:
     empty = replace(taught(), artmap=empty_model(LIBRARY).artmap)
@@ -136,7 +136,7 @@ def test_without_nodes_nothing_is_recalled_and_nothing_is_named(label, direction
     assert recognise_part(group, empty).recognition.label == "unknown"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.sampled_from(sorted(KNOWN)), directions, seeds, st.integers(1, len(KNOWN) - 1))
 def test_with_the_labels_of_nodes_permuted_no_name_is_right(label, direction, seed, by) -> None:
     model = taught()
