@@ -70,15 +70,18 @@ RIG = rig(centres_px=((322.7, 241.0), (316.8, 237.4)))
 
 @pytest.mark.parametrize(
     ("board", "distance_mm", "blur_px"),
-    [
-        (Board(9, 6, 16.0), 300.0, 0.5),
-        (Board(9, 7, 16.0), 450.0, 1.2),
-        (Board(9, 6, 16.0, "charuco"), 330.0, 0.6),
-        (Board(9, 6, 16.0, "charuco", 0.5), 300.0, 0.9),
-        (Board(9, 6, 16.0, "charuco", 0.5), 400.0, 0.9),  # modules 2 px wide
-        (Board(8, 5, 16.0, "charuco", 0.6, legacy=True), 360.0, 0.7),
-        (Board(9, 6, 16.0, "charuco", 0.8, "DICT_5X5_100"), 360.0, 0.7),
-    ],
+    few(
+        [
+            (Board(9, 7, 16.0), 450.0, 1.2),
+            (Board(9, 6, 16.0, "charuco"), 330.0, 0.6),
+            (Board(9, 6, 16.0, "charuco", 0.5), 400.0, 0.9),  # modules 2 px wide
+            (Board(8, 5, 16.0, "charuco", 0.6, legacy=True), 360.0, 0.7),
+            (Board(9, 6, 16.0, "charuco", 0.8, "DICT_5X5_100"), 360.0, 0.7),
+            (Board(9, 6, 16.0, "charuco", 0.5), 300.0, 0.9),
+            (Board(9, 6, 16.0), 300.0, 0.5),
+        ],
+        5,
+    ),
     ids=str,
 )
 def test_corners_are_where_they_are_whatever_is_printed_beside_them(
@@ -107,21 +110,24 @@ def picture(board: Board, distance_mm: float = 360.0) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("printed", "named", "offered"),
-    [
-        (Board(8, 5, 16.0, "charuco", legacy=True), Board(8, 5, 16.0, "charuco"), "8x5 16 charuco legacy"),
-        (
-            Board(9, 6, 16.0, "charuco", dictionary="DICT_5X5_50"),
-            Board(9, 6, 16.0, "charuco"),
-            "9x6 16 charuco DICT_5X5_50",
-        ),
-        (Board(7, 5, 16.0, "charuco"), Board(9, 6, 16.0, "charuco"), "7x5 16 charuco"),
-        (Board(9, 6, 16.0, "charuco"), Board(9, 6, 16.0), "9x6 16 charuco"),
-        (Board(7, 6, 16.0), Board(9, 6, 16.0), "7x6 inner corners"),
-        (Board(7, 5, 16.0), Board(9, 6, 16.0, "charuco"), "a chessboard without markers; give `7x5 16`"),
-        (Board(9, 9, 12.0, "charuco"), Board(9, 6, 12.0, "charuco"), "9x9 12 charuco"),
-        (Board(9, 6, 12.0, "charuco"), Board(9, 9, 12.0, "charuco"), "9x6 12 charuco"),
-        (Board(9, 9, 12.0, "charuco"), Board(9, 8, 12.0, "charuco"), "9x9 12 charuco"),
-    ],
+    few(
+        [
+            (Board(8, 5, 16.0, "charuco", legacy=True), Board(8, 5, 16.0, "charuco"), "8x5 16 charuco legacy"),
+            (
+                Board(9, 6, 16.0, "charuco", dictionary="DICT_5X5_50"),
+                Board(9, 6, 16.0, "charuco"),
+                "9x6 16 charuco DICT_5X5_50",
+            ),
+            (Board(7, 5, 16.0, "charuco"), Board(9, 6, 16.0, "charuco"), "7x5 16 charuco"),
+            (Board(9, 6, 16.0, "charuco"), Board(9, 6, 16.0), "9x6 16 charuco"),
+            (Board(7, 6, 16.0), Board(9, 6, 16.0), "7x6 inner corners"),
+            (Board(7, 5, 16.0), Board(9, 6, 16.0, "charuco"), "a chessboard without markers; give `7x5 16`"),
+            (Board(9, 9, 12.0, "charuco"), Board(9, 6, 12.0, "charuco"), "9x9 12 charuco"),
+            (Board(9, 6, 12.0, "charuco"), Board(9, 9, 12.0, "charuco"), "9x6 12 charuco"),
+            (Board(9, 9, 12.0, "charuco"), Board(9, 8, 12.0, "charuco"), "9x9 12 charuco"),
+        ],
+        8,
+    ),
     ids=str,
 )
 def test_a_board_that_is_another_than_was_named_is_named(printed: Board, named: Board, offered: str) -> None:
@@ -194,7 +200,7 @@ def test_the_smallest_layout_that_numbers_the_markers_in_view_is_found_as_by_try
     assert best_layout(ids, middles, named) == every[int(np.argmax(agreeing))]
 
 
-@pytest.mark.parametrize("seed", [0, 4, 6])
+@pytest.mark.parametrize("seed", few([0, 4, 6], 1))
 def test_where_few_markers_are_wide_enough_the_others_are_read_in_the_enlarged_image(seed: int) -> None:
     """Eight corners were enough to look no further, and then one of them was not clear."""
     board, rng = Board(9, 6, 16.0, "charuco"), np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.board_pdf import MARK_MM, PAPERS_MM, POINTS_PER_MM, black_mm, board_pdf, marks_mm
 from daemon.ctl import main
+from tests.fakes.chosen import few
 
 PX_PER_MM = 6.0
 BOARDS = [
@@ -41,7 +42,7 @@ def drawn(boxes: np.ndarray, size_mm: np.ndarray) -> np.ndarray:
     return image.reshape(height // fine, fine, width // fine, fine).mean((1, 3)).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("size", "square", "words"), BOARDS)
+@pytest.mark.parametrize(("size", "square", "words"), few(BOARDS, 3))
 def test_a_printed_board_is_found_where_it_was_drawn(size: str, square: float, words: tuple[str, ...]) -> None:
     board = parse_board(size, square, words)
     page = board_pdf(board, "a3")
