@@ -23,6 +23,7 @@ from daemon.config import OBSOLETE, ConfigFile, load_config
 from daemon.store.yamlfile import UNIONS, ConfigError, Key, dotted
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
+from tests.fakes.chosen import few
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 Keys = tuple[Key, ...]
@@ -182,7 +183,7 @@ def test_no_name_is_empty(folder: Path, leaf: Leaf) -> None:
     assert told(folder, text).startswith(f"{folder}/facetd.yaml:{line}: {leaf.name}: expected")
 
 
-@pytest.mark.parametrize("bad", [".nan", ".inf", "-.inf"])
+@pytest.mark.parametrize("bad", few([".nan", ".inf", "-.inf"], 1))
 def test_any_number_of_the_shipped_file_that_is_none_is_refused_by_line(folder: Path, bad: str) -> None:
     lines = (ETC / "facetd.yaml").read_text().splitlines()
     tried = 0

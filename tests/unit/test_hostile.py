@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.fakes.chosen import few
 from tests.fakes.hostile import READERS, Reader, attack
 
-FEW_SEEDS, SEEDS, INPUTS = 3, 12, 100
+FEW_SEEDS, SEEDS, INPUTS = 2, 12, 100
 
 
 @pytest.mark.parametrize("seeds", few([FEW_SEEDS, SEEDS], 1))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -48,26 +48,48 @@ RENAMED = [
     "drivers/camera", "drivers/val2", "daemon/config.py", "daemon/ctl.py", "daemon/main.py", "daemon/service.py",
 ]  # fmt: skip
 """Packages and modules whose names and first lines are in the field's words."""
+DOCUMENTED = ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Module
 OPERATORS = [*sorted((HOUSE / "docs" / "operate").glob("*.md")), HOUSE / "README.md", HOUSE / "deploy" / "README.md"]
 
 
+class Words(NamedTuple):
+    """Of a file: its classes; every name that it gives to something; every text of more than one word that is no
+    docstring; and the first paragraph of each docstring."""
+
+    classes: list[str]
+    names: list[str]
+    messages: list[str]
+    first_lines: list[str]
+
+
 @cache
-def tree(file: Path) -> ast.Module:
-    return ast.parse(file.read_text(encoding="utf-8"))
-
-
-def messages(file: Path) -> Iterator[str]:
-    """Every text of more than one word in a file that is no docstring."""
-    nodes = list(ast.walk(tree(file)))
+def words(file: Path) -> Words:
+    """All in one walk: the trees of all files at once would be more than the tests themselves need."""
+    nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    found = Words([], [], [], [])
     for node in nodes:
-        if (
+        if isinstance(node, DOCUMENTED):
+            if doc := ast.get_docstring(node):
+                found.first_lines.append(doc.partition("\n\n")[0])
+            if isinstance(node, ast.ClassDef):
+                found.classes.append(node.name)
+            if not isinstance(node, ast.Module):
+                found.names.append(node.name)
+        elif isinstance(node, ast.arg):
+            found.names.append(node.arg)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.names.append(node.id)
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            found.names.append(node.attr)
+        elif (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
             and id(node) not in docs
             and " " in node.value
         ):
-            yield node.value
+            found.messages.append(node.value)
+    return found
 
 
 def test_no_package_or_module_has_a_name_of_before() -> None:
@@ -78,9 +100,8 @@ def test_no_package_or_module_has_a_name_of_before() -> None:
 def test_a_class_name_occurs_once() -> None:
     where = defaultdict(list)
     for file in CODE:
-        for node in ast.walk(tree(file)):
-            if isinstance(node, ast.ClassDef):
-                where[node.name].append(str(file.relative_to(HOUSE)))
+        for name in words(file).classes:
+            where[name].append(str(file.relative_to(HOUSE)))
     assert {n: files for n, files in where.items() if len(files) > 1} == {}
 
 
@@ -88,7 +109,7 @@ def test_no_package_hides_a_module_behind_a_function_of_its_name() -> None:
     hidden = set()
     for door in (f for f in CODE if f.name == "__init__.py"):
         package = ".".join(door.parent.relative_to(HOUSE).parts)
-        for node in ast.walk(tree(door)):
+        for node in ast.walk(ast.parse(door.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module != package:
                 hidden |= {a.asname or a.name for a in node.names if (door.parent / f"{a.name}.py").exists()}
     assert hidden == set()
@@ -97,7 +118,7 @@ def test_no_package_hides_a_module_behind_a_function_of_its_name() -> None:
 def test_no_message_says_a_word_of_before() -> None:
     assert set(WORDS) >= GONE_FROM_MESSAGES
     said = re.compile(rf"\b(?:{'|'.join(GONE_FROM_MESSAGES)})\b", re.IGNORECASE)
-    assert [text for file in CODE for text in messages(file) if said.search(text)] == []
+    assert [text for file in CODE for text in words(file).messages if said.search(text)] == []
 
 
 def renamed() -> list[Path]:
@@ -106,24 +127,11 @@ def renamed() -> list[Path]:
     return found
 
 
-def names(file: Path) -> Iterator[str]:
-    """Every name that a file gives to something."""
-    for node in ast.walk(tree(file)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield node.name
-        elif isinstance(node, ast.arg):
-            yield node.arg
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
-        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            yield node.attr
-
-
 def test_no_name_has_a_word_of_before() -> None:
     assert [
         f"{file.relative_to(HOUSE)}: {name}"
         for file in renamed()
-        for name in names(file)
+        for name in words(file).names
         if name not in KEPT and GONE_FROM_NAMES & {part.lower() for part in re.split(r"_|(?<=[a-z])(?=[A-Z])", name)}
     ] == []
 
@@ -133,19 +141,18 @@ def test_cameras_are_not_called_eyes() -> None:
         f"{file.relative_to(HOUSE)}: {name}"
         for file in CODE
         if file != HOUSE / "daemon/events/records.py"
-        for name in names(file)
+        for name in words(file).names
         if EYES & set(re.sub(r"hand_?eye|eye_on_hand", "", name.lower()).split("_"))
     ] == []
 
 
 def test_no_first_line_of_a_docstring_has_a_word_of_before() -> None:
-    documented = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Module)
     astray = re.compile(rf"\b(?:{GONE_FROM_FIRST_LINES})\b", re.IGNORECASE)
     assert [
-        f"{file.relative_to(HOUSE)}: {doc.splitlines()[0]}"
+        f"{file.relative_to(HOUSE)}: {first.splitlines()[0]}"
         for file in renamed()
-        for node in ast.walk(tree(file))
-        if isinstance(node, documented) and (doc := ast.get_docstring(node)) and astray.search(doc.partition("\n\n")[0])
+        for first in words(file).first_lines
+        if astray.search(first)
     ] == []
 
 

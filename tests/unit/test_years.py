@@ -44,7 +44,7 @@ def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.parametrize(
     ("part", "count"),
-    few([("starts", 8), ("clients", 24), ("cameras", 24), ("starts", 40), ("clients", 200), ("cameras", 200)], 3),
+    few([("starts", 8), ("clients", 16), ("cameras", 16), ("starts", 40), ("clients", 200), ("cameras", 200)], 3),
 )
 def test_a_few_of_each_leave_nothing_behind(
     part: str, count: int, folder: Path, monkeypatch: pytest.MonkeyPatch

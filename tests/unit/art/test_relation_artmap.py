@@ -93,7 +93,7 @@ def answers(memory: RelationARTMAP, view: RelationalView, vigilance: float) -> F
     }
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(memories(), views(), st.booleans(), st.sampled_from(VIGILANCES))
 def test_recall_finds_exactly_the_numberings_that_trying_all_of_them_finds(known, other, own, vigilance) -> None:
     memory, taught = known
@@ -103,7 +103,7 @@ def test_recall_finds_exactly_the_numberings_that_trying_all_of_them_finds(known
     assert list(told.values()) == pytest.approx([truth[key] for key in told], abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(memories(), st.sampled_from(VIGILANCES))
 def test_the_best_match_comes_first_then_the_greatest_activation(known, vigilance) -> None:
     memory, view = known
@@ -117,7 +117,7 @@ def test_the_best_match_comes_first_then_the_greatest_activation(known, vigilanc
     assert told.ratio.tolist() == [n / max(filled[node], n) for node in told.node]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(memories(), st.sampled_from(VIGILANCES))
 def test_activation_is_the_share_of_a_nodes_weight_that_the_view_covers(known, vigilance) -> None:
     """|I ^ w| / (alpha + |w|) of the two complement-coded, element by element."""
@@ -146,7 +146,7 @@ def test_of_nodes_that_match_alike_the_more_particular_is_chosen_by_whatever_alp
     assert [memory.node_labels[node] for node in told.node] == ["a", "a", "b", "b"]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(memories(), st.randoms(use_true_random=False), st.sampled_from(VIGILANCES))
 def test_renumbering_a_view_changes_nothing_but_the_numbering(known, random, vigilance) -> None:
     memory, view = known
@@ -194,7 +194,7 @@ def test_a_node_of_another_label_that_matches_better_keeps_a_view_from_its_own()
     assert memory.learned([chain(0.3125)], ["a"])[1][0][0] == 0, "nearer to its own"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(views(), st.randoms(use_true_random=False))
 def test_a_view_numbered_otherwise_is_learnt_by_the_node_it_made_and_changes_nothing_there(view, random) -> None:
     if not view.touching.any():
@@ -238,7 +238,7 @@ def test_a_part_of_a_view_is_recalled_by_it_and_yet_learnt_as_a_node_of_its_own(
     assert len(memory.learned([chain(0.25)], ["a"])[0].lower) == 2
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.data(), st.sampled_from([(1.0, 1.0), (0.9, 1.0), (0.8, 0.5), (0.5, 1.0)]), st.sampled_from([1, 2, 256]))
 def test_learning_one_after_the_other_is_learning_them_at_once(data, how, batch) -> None:
     few = data.draw(st.lists(views(), min_size=1, max_size=3))
@@ -273,7 +273,7 @@ def test_slots_and_labels_grow_and_what_was_known_answers_as_before() -> None:
     assert small.labels == ("a",), "never changed in place"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(memories(), st.sampled_from(VIGILANCES), st.sampled_from([0.0, 0.1, 10.0]))
 def test_alpha_changes_the_order_of_equal_matches_alone(known, vigilance, alpha) -> None:
     memory, view = known

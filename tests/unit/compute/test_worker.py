@@ -268,7 +268,7 @@ def plain(value: Any) -> Any:
     return (value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(values)
 def test_any_value_passes_and_what_passes_by_number_is_the_same_one(value: Any) -> None:
     held = list[ByReference]()

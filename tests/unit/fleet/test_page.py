@@ -28,7 +28,7 @@ LAST = date(2026, 12, 31)
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    """The first week of a year of many cells, and its last six."""
+    """The first week of a year of many cells, and its last four."""
     folder = tmp_path_factory.mktemp("hall")
     made = MadeRun(folder / "20260102T030405Z", pictures=False)
     cameras = {"darkness_left": 200.0, "darkness_right": 190.0, "epipolar_pair": 0.08}
@@ -42,7 +42,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     store = open_store(str(folder / "store"))
     picks = made_year.picks_of([rows_of(read_digest(made.folder))])
     first = LAST - timedelta(days=DAYS - 1)
-    for begin, days in ((0, 7), (DAYS - 42, 42)):
+    for begin, days in ((0, 7), (DAYS - 28, 28)):
         list(made_year.write_year(store, picks, CELLS, first, DAYS, 40, only=range(begin, begin + days)))
     return store
 

@@ -156,7 +156,7 @@ def pressed(edit: LineEditor, keys: list[bytes]) -> bytes:
     return shown
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.lists(st.sampled_from(KEYS), min_size=6, max_size=40))
 def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[bytes]) -> None:
     edit = editor()
@@ -165,7 +165,7 @@ def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[b
     assert before_return == f"> {line}"
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.integers(20, 30), st.lists(st.sampled_from([*KEYS, b"pick the cube "]), min_size=6, max_size=40))
 def test_of_a_line_longer_than_the_terminal_is_wide_the_row_shows_what_is_around_the_cursor(
     columns: int, keys: list[bytes]

@@ -92,7 +92,7 @@ def test_teaching_goes_on_from_a_file_as_from_memory(tmp_path: Path) -> None:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, len(CONTENT) - 1), st.integers(1, 255))
 def test_one_altered_byte_is_refused_or_changes_nothing(place: int, by: int) -> None:
     altered = bytearray(CONTENT)
@@ -107,7 +107,7 @@ def test_one_altered_byte_is_refused_or_changes_nothing(place: int, by: int) -> 
     assert "\n" not in said
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, len(CONTENT) - 1))
 def test_a_file_cut_short_is_refused(length: int) -> None:
     with pytest.raises(ModelError):

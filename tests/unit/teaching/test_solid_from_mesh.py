@@ -33,7 +33,7 @@ def test_every_format_gives_the_same_solid(name: str) -> None:
     assert np.allclose(extent, [40, 50, 60], atol=1e-3)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), flip=st.booleans())
 def test_turning_shuffling_and_winding_a_mesh_changes_nothing(seed: int, flip: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -126,7 +126,7 @@ def test_a_bad_mesh_is_one_line_that_says_what_and_where(name: str, content: byt
     assert "\n" not in str(told.value)
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(cut=st.integers(0, 700), at=st.integers(0, 683), byte=st.integers(0, 255), kind=st.sampled_from(sorted(WAYS)))
 def test_a_damaged_file_is_an_error_or_a_mesh_and_never_a_crash(cut: int, at: int, byte: int, kind: str) -> None:
     content = bytearray(WAYS[kind](*CUBE))

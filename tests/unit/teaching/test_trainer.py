@@ -17,7 +17,7 @@ from tests.fakes.taught import scenes, taught
 
 
 def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(trainer: Trainer) -> None:
-    labels = taught(trainer)
+    labels = taught(trainer, "cube", "pyramid")
     assert [view.label for view in trainer.untrained_views()] == sorted(labels)
     before = trainer.in_use
     trained = trainer.train()

@@ -54,7 +54,7 @@ def test_an_imagined_view_shows_the_facets_that_face_the_cameras(trainer: Traine
 
 
 def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Trainer) -> None:
-    taught(trainer)
+    taught(trainer, "cube", "pyramid")
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
     cube = assess_coverage(trainer.model, "cube", trainer.rig)

@@ -59,7 +59,7 @@ def textbook(samples, labels, rho, alpha, beta, complement, match_tracking, unco
     return np.array(weights).reshape(-1, coded.shape[1]), stands_for
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(
     lessons(),
     st.sampled_from([0.0, 0.6, 0.95, 1.0]),
@@ -84,7 +84,7 @@ def test_teaching_in_blocks_gives_what_the_textbook_gives(
     assert list(network.node_labels) == stands_for
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(lessons(), arrays(np.float64, (30, 4), elements=UNIT), st.sampled_from([0.0, 0.7, 0.9]), st.booleans())
 def test_prediction_is_the_best_matching_node_in_exact_arithmetic(lesson, asked, rho, complement):
     samples, labels = lesson
@@ -113,7 +113,7 @@ def test_nodes_closer_than_single_precision_can_tell_are_told_apart():
     assert network.predict(asked).tolist() == exact.tolist()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(lessons(), st.integers(0, 40))
 def test_taught_in_pieces_or_at_once_the_bytes_are_the_same(lesson, cut):
     samples, labels = lesson

@@ -65,7 +65,7 @@ def relation(rng, facets, slots, types=(0.3, 0.5, 0.75), share=0.6):
     return turned(np.where(touching | touching.T, types[:, None], 0.0), np.arange(facets), slots)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 @given(views_and_nodes(), st.booleans(), st.sampled_from(["all", "occupied"]), st.booleans())
 def test_the_best_numbering_is_the_best_of_all_presented_one_by_one(pair, complement, scope, branching):
     view, nodes = pair
@@ -79,7 +79,7 @@ def test_the_best_numbering_is_the_best_of_all_presented_one_by_one(pair, comple
         assert len(set(place.tolist())) == len(view)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), st.booleans(), st.integers(1, 3), st.booleans())
 def test_the_best_nodes_are_the_same_whether_all_are_looked_into_or_not(seed, complement, top, wide):
     rng = np.random.default_rng(seed)
