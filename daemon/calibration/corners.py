@@ -8,6 +8,7 @@ the light are free.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -65,11 +66,9 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
         drawn = [_drawn(h, at, reach, drawing) for h, at in zip(local_mappings(fitted, squares), squares, strict=True)]
         added_variance = np.zeros(len(fitted))
         for k, one in enumerate(drawn):
-            blurred = _blurred(one.samples, blur)
+            model = _model(_blurred(one.samples, blur))
             for _ in range(STEPS):
-                fitted[k], misfit[k], added_variance[k] = _step(
-                    grey, blurred, one.inside, fitted[k], corners_px[k], rim
-                )
+                fitted[k], misfit[k], added_variance[k] = _step(grey, model, one.inside, fitted[k], corners_px[k], rim)
         before, blur = blur, float(np.clip(np.sqrt(max(blur**2 + np.median(added_variance), 0.0)), *BLUR_PX))
         if pass_ + 1 >= MIN_PASSES and abs(blur - before) < CONVERGED_BLUR_PX:
             break
@@ -97,13 +96,20 @@ def local_mappings(corners_px: Array, squares: Array) -> list[Array]:
 def _drawn(image_from_squares: Array, at: Array, reach: int, drawing: Drawing) -> _Drawn:
     middle = _through(image_from_squares, at[None])[0]
     squares_from_image = np.asarray(np.linalg.inv(image_from_squares), float)
-    half = (reach + 2) * PARTS
-    fine = np.arange(-half, half + 1) / PARTS
-    samples = drawing(_through(squares_from_image, middle + np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)))
-    whole = np.arange(-reach, reach + 1)
-    there = _through(squares_from_image, middle + np.stack(np.meshgrid(whole, whole), axis=-1).reshape(-1, 2))
+    fine, whole = _grid((reach + 2) * PARTS), _grid(reach)
+    samples = drawing(_through(squares_from_image, middle + fine.reshape(-1, 2) / PARTS))
+    there = _through(squares_from_image, middle + whole.reshape(-1, 2))
     inside = np.abs(there - at).max(axis=1) <= REACH_SQUARES
-    return _Drawn(samples.reshape(len(fine), len(fine)).astype(np.float32), inside)
+    return _Drawn(samples.reshape(fine.shape[:2]).astype(np.float32), inside)
+
+
+@cache
+def _grid(reach: int) -> Array:
+    """(2 * reach + 1, 2 * reach + 1, 2): x and y of the whole places up to reach from the middle."""
+    whole = np.arange(-reach, reach + 1, dtype=float)
+    grid = np.stack(np.meshgrid(whole, whole), axis=-1)
+    grid.setflags(write=False)
+    return grid
 
 
 def _through(homography: Array, points: Array) -> Array:
@@ -117,9 +123,15 @@ def _blurred(samples: NDArray[np.float32], blur_px: float) -> NDArray[np.float32
     return np.asarray(seen, np.float32)
 
 
+def _model(drawn: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(S, S, 4) of a blurred drawing (S, S): itself, its slopes a pixel along x and y, its second derivative."""
+    slopes = (cv2.Sobel(drawn, cv2.CV_32F, *order, ksize=1) * (PARTS / 2) for order in ((1, 0), (0, 1)))
+    return np.dstack([drawn, *slopes, cv2.Laplacian(drawn, cv2.CV_32F) * PARTS**2]).astype(np.float32)
+
+
 def _step(
     grey: NDArray[np.float32],
-    drawn: NDArray[np.float32],
+    model: NDArray[np.float32],
     inside: NDArray[np.bool_],
     corner_px: Array,
     start_px: Array,
@@ -135,7 +147,7 @@ def _step(
     if there.sum() < MIN_PIXELS:
         return corner_px, np.inf, 0.0
     seen = seen[there]
-    matrix = np.column_stack([a.ravel()[inside][there] for a in _columns(drawn, shift, reach)])
+    matrix = _columns(model, shift, reach)[inside][there]
     found = np.linalg.lstsq(matrix, seen, rcond=None)[0]
     contrast = found[0]
     if not contrast > 1.0:
@@ -148,18 +160,12 @@ def _step(
     return moved, misfit, float(2.0 * found[6] / contrast)
 
 
-def _columns(drawn: NDArray[np.float32], shift: Array, reach: int) -> list[NDArray[np.float32]]:
-    """Columns of the linear model of each pixel: drawing, level, slope of the light (2), derivatives by shift (2) and
-    by the blur's variance."""
-    middle = (len(drawn) - 1) // 2
-    size = 2 * reach + 1
-    at = middle + PARTS * (np.arange(-reach, reach + 1)[None] - shift[:, None])
-    x, y = (a.astype(np.float32) for a in np.meshgrid(at[0], at[1]))
-    slope_x, slope_y = (cv2.Sobel(drawn, cv2.CV_32F, *order, ksize=1) * (PARTS / 2) for order in ((1, 0), (0, 1)))
-    bend = cv2.Laplacian(drawn, cv2.CV_32F) * PARTS**2
-    level, along_x, along_y, second = (
-        np.asarray(cv2.remap(a, x, y, cv2.INTER_LINEAR), np.float32) for a in (drawn, slope_x, slope_y, bend)
-    )
-    across, down = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
-    ones = np.ones((size, size), np.float32)
-    return [level, ones, across.astype(np.float32), down.astype(np.float32), -along_x, -along_y, second]
+def _columns(model: NDArray[np.float32], shift: Array, reach: int) -> NDArray[np.float32]:
+    """(P, 7) linear model of each pixel: drawing, level, slope of the light (2), derivatives by shift (2) and by the
+    blur's variance."""
+    whole, middle = _grid(reach), (len(model) - 1) // 2
+    at = (middle + PARTS * (whole - shift)).astype(np.float32)
+    here = np.asarray(cv2.remap(model, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)).reshape(-1, 4)
+    found = np.ones((len(here), 7), np.float32)
+    found[:, 0], found[:, 2:4], found[:, 4:6], found[:, 6] = here[:, 0], whole.reshape(-1, 2), -here[:, 1:3], here[:, 3]
+    return found
