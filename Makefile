@@ -71,10 +71,10 @@ test: $(VENV)/.dev
 # In a fresh clone the tests are compiled once, before each of pytest's workers would compile all of them.
 test-short: $(VENV)/.dev
 	@[ -d tests/__pycache__ ] || $(BIN)/pytest --collect-only -qq $(TESTS) >/dev/null || true
-	$(BIN)/pytest -n 4 --dist worksteal -m "not long" $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal --durations=20 -m "not long" $(TESTS) || [ $$? = 5 ]
 
 test-long: $(VENV)/.dev
-	$(BIN)/pytest -n 4 --dist worksteal -m long $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal --durations=20 -m long $(TESTS) || [ $$? = 5 ]
 
 docs: $(VENV)/.dev
 	$(BIN)/python -m tests.manuals

@@ -20,7 +20,8 @@ from daemon.pick.settings import Settings
 from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.store.place_status import PlaceState
 from daemon.vision.geometry import Polyhedron
-from tests.fakes.set_downs import MACHINED, model, places_of, shape_of, true_error
+from daemon.vision.model import Model
+from tests.fakes.set_downs import MACHINED, model_of, places_of, shape_of, true_error
 from tests.fakes.simulated_cell import rig
 
 AT = (430.0, -220.0, -300.0)
@@ -43,11 +44,11 @@ class TurnedOver:
     told: tuple[str, ...] = ()
 
 
-async def turned_over(label: str, rest: int, side: int, seed: int) -> TurnedOver:
+async def turned_over(label: str, rest: int, side: int, seed: int, taught: Model) -> TurnedOver:
     """A part that lies alone on one of its stable faces (numbered by the simulation), to a place on a side (from 0)."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
-        async with rig(seed=seed, model=model()) as here:
+        async with rig(seed=seed, model=taught) as here:
             here.cell.world.draw([shape_of(label)] if label in MACHINED else [])
             here.cell.clear()
             x, y, turn = rng.uniform(480.0, 560.0), rng.uniform(-60.0, 60.0), rng.uniform(-np.pi, np.pi)
@@ -132,4 +133,4 @@ def pairs_by_brute_force(
 
 def sides_of(label: str) -> list[int]:
     """The sides, numbered from 0, on which a part can rest."""
-    return stable_sides(model().metric[label].solid)
+    return stable_sides(model_of((label,)).metric[label].solid)

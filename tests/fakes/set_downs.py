@@ -45,7 +45,7 @@ def drawing(label: str) -> bytes:
 
 @cache
 def _read(label: str) -> Drawing:
-    return machined.drawings()[label] if label in MACHINED else read(f"{label}.stl", drawing(label))
+    return machined.drawn(label) if label in MACHINED else read(f"{label}.stl", drawing(label))
 
 
 @cache
@@ -57,7 +57,13 @@ def drawn_model() -> Model:
 @cache
 def model() -> Model:
     """The demo's parts and ten machined ones, each taught from its drawing."""
-    return taught_from({label: _read(label) for label in PARTS})
+    return model_of(PARTS)
+
+
+@cache
+def model_of(labels: tuple[str, ...]) -> Model:
+    """Some of them, each taught from its drawing."""
+    return taught_from({label: _read(label) for label in labels})
 
 
 @cache
@@ -70,7 +76,7 @@ def shape_of(label: str) -> PartShape:
 def shape_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of the part in the cell."""
     one = _read(label)
-    return shape_from_drawing(shape_of(label), one) @ drawing_from_taught(one, model().metric[label].solid)
+    return shape_from_drawing(shape_of(label), one) @ drawing_from_taught(one, model_of((label,)).metric[label].solid)
 
 
 def lies(part: PlacedPart) -> Array:
@@ -86,7 +92,7 @@ def part_of(here: Rig, label: str) -> PlacedPart:
 def side_down_of(here: Rig, label: str) -> int | None:
     """The number of the taught side that the part in the cell lies on; None: it lies on none that it can be set down
     on."""
-    shape = model().metric[label].solid
+    shape = model_of((label,)).metric[label].solid
     down = -(shape.normals @ lies(part_of(here, label))[:3, :3].T)[:, 2]
     return next((k + 1 for k in stable_sides(shape) if down[k] > FLAT), None)
 

@@ -63,7 +63,7 @@ def made(label: str, seed: int) -> TurnedOver:
     """One of them."""
     rng = np.random.default_rng(seed)
     rest, side = int(rng.integers(len(shape_of(label).rests))), int(rng.choice(sides_of(label)))
-    return asyncio.run(turned_over(label, rest, side, seed))
+    return asyncio.run(turned_over(label, rest, side, seed, model()))
 
 
 def cell(count: int, first: int, labels: list[str]) -> None:

@@ -45,7 +45,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
-from tests.bench.machined import drawings
+from tests.bench.machined import drawn
 from tests.fakes.chosen import few
 from tests.fakes.fake_cell import shape_of
 from tests.fakes.machined import shape_from_drawing, shown_shape
@@ -294,7 +294,7 @@ def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edg
     assert np.diag(held.covariance)[:3] == pytest.approx([0.09 + 0.01 / 2] * 3)
 
 
-KNOB = drawings()["knob"].solid
+KNOB = drawn("knob").solid
 FROM_A_SIDE_DEG = 50.0
 
 
@@ -303,7 +303,7 @@ def knob_seen(leans_deg: float) -> tuple[CapturedPair, Array]:
     """A pair of a knob on its foot, from above or leaning, and its true pose, cyclopean_from_part. Its flats lie under
     its rim: from above it is round."""
     believed = load_calibration(CONFIG.calibration)
-    one = drawings()["knob"]
+    one = drawn("knob")
     shape = shown_shape("knob", one)
     shape_from_part = shape_from_drawing(shape, one) @ rigid(np.eye(3), one.origin_mm)
     with SimulatedCell(ETC / "simcell.yaml", seed=3) as cell:

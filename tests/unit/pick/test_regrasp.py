@@ -68,7 +68,7 @@ def test_a_part_rests_level_on_each_face_below_its_mass(label):
 
 @pytest.mark.parametrize(("label", "sides"), [("knob", 2), ("flange", 2), ("clevis", 5), ("bracket", 5)])
 def test_a_drawn_part_rests_on_nothing_round(label, sides):
-    assert len(resting(machined.drawings()[label].solid)) == sides
+    assert len(resting(machined.drawn(label).solid)) == sides
 
 
 @pytest.mark.parametrize("label", few(["cube", "triangular_prism", "pentagonal_prism"], 1))

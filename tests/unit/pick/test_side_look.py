@@ -32,7 +32,7 @@ FOOT, RIM = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]
 
 def knob() -> Polyhedron:
     """Round from above: a cylinder on a foot with two flats, which lie under its rim."""
-    return machined.drawings()["knob"].solid
+    return machined.drawn("knob").solid
 
 
 def standing(shape: Polyhedron, foot: Array) -> Array:

@@ -169,7 +169,7 @@ def test_a_part_with_hollows_is_taken_by_a_leg_and_not_by_its_hull(name):
 
 @pytest.mark.parametrize("label", few(["clevis", "filleted_block", "bracket", "pillow_block"], 2))
 def test_a_drawn_part_is_taken_by_its_flat_sides_and_not_where_it_is_hollow_or_round(label):
-    drawn = machined.drawings()[label]
+    drawn = machined.drawn(label)
     shape = shown_shape(label, drawn)
     shift = shape.hull.vertices.min(axis=0) - drawn.solid.corners_mm.min(axis=0)
     solid = replace(drawn.solid, corners_mm=drawn.solid.corners_mm + shift, covers=drawn.solid.covers + shift)
@@ -183,7 +183,7 @@ def test_a_drawn_part_is_taken_by_its_flat_sides_and_not_where_it_is_hollow_or_r
 
 
 def test_a_part_is_taken_where_it_is_round_only_if_no_flat_side_will_do():
-    solid = machined.drawings()["lever"].solid
+    solid = machined.drawn("lever").solid
     lying = frames.rigid(np.eye(3), MIDDLE - [0.0, 0.0, solid.corners_mm[:, 2].min()])
     rounded = [grasp.rounded for grasp in grasps(solid, lying, -300.0, GRIPPER)]
     assert any(rounded)
@@ -387,7 +387,7 @@ def test_a_plate_is_held_where_it_reaches_just_as_deep_between_the_fingers_as_it
 ) -> None:
     """Between lines 2 mm apart, 3 mm counted as 2: a cover, 7 mm thick at its rim, was picked where its height erred
     upwards, and had no grasp where it did not."""
-    cover = machined.drawings()["cover"].solid
+    cover = machined.drawn("cover").solid
     plate = int(np.where(cover.normals[:, 2] < -0.99, -cover.centres_mm[:, 2], -np.inf).argmax())
     lies = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([450.0, 0.0, -300.0])) @ cover.flat_from_solid[plate]
     gripper = msgspec.structs.replace(GRIPPER, tip_clearance_mm=tips_mm)
@@ -398,7 +398,7 @@ def test_a_plate_is_held_where_it_reaches_just_as_deep_between_the_fingers_as_it
 
 def test_what_each_finger_rests_on_reaches_deep_enough_between_them_for_a_part_seen_too_high():
     """A leg 10 mm high was to be met by the very tip of one finger, which passed over it and pushed the part away."""
-    drawn = machined.drawings()["bracket"]
+    drawn = machined.drawn("bracket")
     shape, solid = shown_shape("bracket", drawn), drawn.solid
     shift = shape.hull.vertices.min(axis=0) - solid.corners_mm.min(axis=0)
     solid = replace(solid, corners_mm=solid.corners_mm + shift)

@@ -79,7 +79,7 @@ def test_a_grasp_beyond_the_grippers_tolerance_misses(label: str, part_turn_deg:
 
 @cache
 def drawn(label: str) -> PartShape:
-    return shown_shape(label, machined.drawings()[label])
+    return shown_shape(label, machined.drawn(label))
 
 
 @pytest.mark.parametrize("turn_deg", [-11.0, -4.0, 1.5, 7.0])

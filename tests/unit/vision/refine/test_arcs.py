@@ -232,7 +232,7 @@ def test_round_faces_that_share_no_edge_can_be_taught_and_straight_ones_apart_ca
 
 @pytest.mark.parametrize("seed", [0, 2])
 def test_the_turn_of_a_disc_is_that_of_its_bores_and_not_of_its_chords(seed: int) -> None:
-    drawn = machined.drawings()["flange"]
+    drawn = machined.drawn("flange")
     seen = machined.on_table("flange", drawn, np.random.default_rng(seed), (180.0, 260.0))
     true = seen.pose @ frames.rigid(np.eye(3), drawn.origin_mm)
     thought = true @ frames.rigid(frames.rotation_from_vector(np.radians([0.0, 0.0, 3.0])), np.zeros(3))
@@ -269,7 +269,7 @@ CLOSE = {
 def close(label: str, around_deg: float = 0.0) -> tuple[Polyhedron, Array, StereoImages]:
     """A drawn part, its true pose cyclopean_from_part (4, 4) and both pictures of it, as the last look had it; part
     and cameras are turned together before the light."""
-    drawn = machined.drawings()[label]
+    drawn = machined.drawn(label)
     shape = shown_shape(label, drawn)
     cyclopean_from_shape = frames.rigid(*map(np.array, CLOSE[label]))
     true = cyclopean_from_shape @ shape_from_drawing(shape, drawn) @ frames.rigid(np.eye(3), drawn.origin_mm)
