@@ -20,6 +20,7 @@ import pytest
 
 from daemon.config import load_config
 from daemon.store.folders import HOUSE
+from tests.fakes.chosen import few
 
 OLDER = {
     "d031436bd5d2bd79ee6ec471417fd900d2a603a6": "the first with a file for what a restart must know",
@@ -121,7 +122,7 @@ def did(tree: Path, what: str, state: Path) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("commit", OLDER)
+@pytest.mark.parametrize("commit", few(OLDER, 1))
 def test_files_go_from_an_older_release_to_this_one_and_back(commit: str, tmp_path: Path) -> None:
     old, state = release(commit, tmp_path / "old"), tmp_path / "state"
     state.mkdir()

@@ -20,6 +20,7 @@ from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import THIN_PX
 from tests.bench import look_alikes
 from tests.bench.simulated_looks import true_rig
+from tests.fakes.chosen import few
 from tests.fakes.many_parts import taught
 from tests.fakes.photographed import cell
 from tests.fakes.printed import print_pair, straight_rig
@@ -64,7 +65,7 @@ def test_an_edge_that_is_not_there_speaks_against_the_part_that_has_it() -> None
     assert lead_by_own_edges(whole, other) > 10.0
 
 
-@pytest.mark.parametrize("seed", [6, 26, 46])
+@pytest.mark.parametrize("seed", few([6, 26, 46], 1))
 def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the part that lies there, and of its mirror image as the same look takes it to lie there."""
     monkeypatch.setattr(counter_evidence, "MOST_LIKELY_DUPLICATE", 1.0)

@@ -27,7 +27,7 @@ def true_pose(one: Look) -> Array:
     return one.pose @ drawing_from_part(one.label)
 
 
-@pytest.mark.parametrize(("label", "seed"), few([("flange", 0), ("knob", 10), ("flange", 4)], 2))
+@pytest.mark.parametrize(("label", "seed"), few([("flange", 0), ("knob", 10), ("flange", 4)], 1))
 def test_a_round_part_lies_in_the_turn_about_its_axis_that_its_holes_and_flats_have(label: str, seed: int) -> None:
     """Arcs are much the same in every turn: bolt holes were 20 mm off, flats 7 mm."""
     assert named(simulated_look(label, seed))[0] == "right"
@@ -51,7 +51,7 @@ def test_round_parts_are_named_on_patterned_tables(label: str, seed: int) -> Non
     assert named(one)[0] == "right"
 
 
-@pytest.mark.parametrize(("label", "seed"), few([("flange", 2), ("flange", 22), ("flange", 6)], 2))
+@pytest.mark.parametrize(("label", "seed"), few([("flange", 2), ("flange", 22), ("flange", 6)], 1))
 def test_the_far_rim_of_a_boss_and_rims_of_a_wall_seen_thin_are_not_missing(label: str, seed: int) -> None:
     """Before a face that looks the same way a rim is as bright as what is behind it; and where a wall turns away, its
     other rim lies in the band beside."""
