@@ -45,7 +45,9 @@ def plan_to_place(
     """The grasp by which a part is taken, or why there is none (see plan_part), and the steps to its place: where no
     one ordinary grasp brings it there, the shortest plan of at most so many. looks: at the table that it is laid on in
     between."""
-    plan = plan_part(shape, world_from_part, neighbours, settings, mounting, allowed, seen, unseen_from, destination)
+    plan = plan_part(
+        shape, world_from_part, neighbours, settings, mounting, allowed, seen, unseen_from, destination, rig
+    )
     if destination is None or (isinstance(plan, NoPlan) and plan.code not in MAY_HELP):
         return plan, ()
     if isinstance(plan, Plan):

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from daemon import frames
-from daemon.arm import CameraMounting, paths
+from daemon.arm import CameraMounting, InWorld, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick.grippers import PlannedGrasp, centre_of_mass, felt
@@ -17,7 +19,7 @@ from daemon.pick.planning.place_goals import FLAT_MM, Goal, SetDown, goes_throug
 from daemon.pick.planning.viewpoints import Reachable
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
-from daemon.vision.geometry import Polyhedron, inside
+from daemon.vision.geometry import FACING, Polyhedron, StereoRig, inside
 
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
@@ -25,6 +27,9 @@ MOST_GOALS = 3
 """So many free places of a part are tried, in the order in which they are filled."""
 SAME_SIDE_RAD = 0.5
 """A look from within this angle of one that did not find the part would not find it either."""
+SHOWS_COUNT, ALONG_EDGE, RIM_PX = 2.0, np.linspace(0.1, 0.9, 5), 5.0
+"""How much it counts that a part shows in the gripper: one that does not is not measured there, and cannot be set down;
+where along its edges, and how far inside of the pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,23 @@ def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, mount
     return [*looks, *last_stretch(grasp, centre, settings, mounting)]
 
 
+def shows_held(shape: Polyhedron, tool_from_part: Array, mounting: CameraMounting, rig: StereoRig) -> float:
+    """Which share of the edges that face the cameras both have in view, of a part in the gripper (4, 4)."""
+    if isinstance(mounting, InWorld):
+        return 0.0
+    near, (ends, bounds) = frames.inverse(mounting.tool_from_cyclopean) @ tool_from_part, shape.lines
+    faced = ends[bounds[shape.facing(near) > FACING].any(axis=0)]
+    if not len(faced):
+        return 0.0
+    start, end = (frames.apply(near, shape.corners_mm)[faced[:, k]] for k in (0, 1))
+    points = (start[:, None] + ALONG_EDGE[:, None] * (end - start)[:, None]).reshape(-1, 3)
+    in_view = np.ones(len(points), bool)
+    for camera in (rig.left, rig.right):
+        px = camera.project(points)
+        in_view &= ((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)).all(axis=1)
+    return float(in_view.mean())
+
+
 class NoPlan(NamedTuple):
     """Why there is no plan, as a code and in words."""
 
@@ -92,13 +114,14 @@ def plan_part(
     seen: Sequence[Facing] = (),
     unseen_from: Sequence[Array] = (),
     destination: Destination | None = None,
+    rig: StereoRig | None = None,
 ) -> Plan | NoPlan:
     """The best grasp whose whole approach is allowed (reached, in the box, above the table), and by which the part can
     be set down where it belongs, or why there is none.
 
     seen: facets that a look has told apart; their shading, and so their contrast, is the same from everywhere, so that
     a look along the approach should show them again. unseen_from: (3,) directions from the part in which a
-    camera stood that did not find it.
+    camera stood that did not find it. rig: what measures the part in the gripper before it is set down.
     """
     try:
         found, why = settings.gripper.grasps(
@@ -117,6 +140,9 @@ def plan_part(
         if any(viewpoints.angle_at(centre, viewpoint, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
         worth = viewpoints.view_worth(shape, world_from_part, viewpoint) + seen_again(seen, viewpoint)
+        if destination is not None and rig is not None:
+            held = frames.inverse(grasp.world_from_tool) @ world_from_part
+            worth += SHOWS_COUNT * shows_held(shape, held, mounting, rig)
         plans.append(Plan(grasp, worth, neighbours))
     if not plans:
         return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")

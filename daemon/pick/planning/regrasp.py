@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting, InWorld, hand_of, paths
+from daemon.arm import CameraMounting, hand_of, paths
 from daemon.arrays import Array, Flags, Index
 from daemon.events.codes import CauseCode
 from daemon.pick.grippers import Gripper, PlannedGrasp, centre_of_mass, felt, hull
@@ -34,11 +34,13 @@ from daemon.pick.planning.place_goals import (
 )
 from daemon.pick.planning.plan import (
     MOST_GOALS,
+    SHOWS_COUNT,
     Destination,
     NoPlan,
     approach_poses,
     is_over,
     last_stretch,
+    shows_held,
     stable_sides,
 )
 from daemon.pick.planning.table_room import Beside, beside_of, free_spots
@@ -46,7 +48,7 @@ from daemon.pick.planning.viewpoints import Reachable, view_worth
 from daemon.pick.seen import in_both_images
 from daemon.pick.settings import Settings
 from daemon.store.place_file import Place, PlaceSettings, about_vertical
-from daemon.vision.geometry import FACING, Polyhedron, StereoRig
+from daemon.vision.geometry import Polyhedron, StereoRig
 
 MOST_GRASPS = 3
 """Of one plan."""
@@ -58,9 +60,6 @@ RELEASE_MM = 0.5
 """Height over the table at which the gripper opens."""
 AS_LAID_MM, AS_LAID_DEG = 10.0, 10.0
 """A part that is seen this near to how it was laid down has not toppled."""
-SHOWS_COUNT, ALONG_EDGE, RIM_PX = 2.0, np.linspace(0.1, 0.9, 5), 5.0
-"""How much it counts that a part shows in the gripper: one that does not is not measured there, and cannot be set down;
-where along its edges, and how far inside of the pictures."""
 ROUND_MM = 0.1
 """A face of the convex hull that a curved surface bulges out of by more is no side to lie on."""
 MOST_TABLES = 32
@@ -223,25 +222,9 @@ class Regrasping:
         for grasp, tool in zip(grasps, tools, strict=True):
             look = self.mounting.look_pose(tool[:3, :3], centre, stand_offs[len(stand_offs) // 2])
             viewpoint = self.mounting.world_from_cyclopean_at(look)[:3, 3]
-            shows = self._shows_held(frames.inverse(tool) @ pose)
+            shows = shows_held(self.shape, frames.inverse(tool) @ pose, self.mounting, self.rig)
             worth.append(view_worth(self.shape, pose, viewpoint) + SHOWS_COUNT * shows - grasp.risk)
         return sorted(range(len(worth)), key=lambda number: -worth[number])
-
-    def _shows_held(self, tool_from_part: Array) -> float:
-        """Which share of the edges that face the cameras both have in view, of the part in the gripper (4, 4)."""
-        if isinstance(self.mounting, InWorld):
-            return 0.0
-        near, (ends, bounds) = frames.inverse(self.mounting.tool_from_cyclopean) @ tool_from_part, self.shape.lines
-        faced = ends[bounds[self.shape.facing(near) > FACING].any(axis=0)]
-        if not len(faced):
-            return 0.0
-        start, end = (frames.apply(near, self.shape.corners_mm)[faced[:, k]] for k in (0, 1))
-        points = (start[:, None] + ALONG_EDGE[:, None] * (end - start)[:, None]).reshape(-1, 3)
-        in_view = np.ones(len(points), bool)
-        for camera in (self.rig.left, self.rig.right):
-            px = camera.project(points)
-            in_view &= ((px > RIM_PX) & (px < np.array(self.rig.image_size) - RIM_PX)).all(axis=1)
-        return float(in_view.mean())
 
     def _centre(self, pose: Array) -> Array:
         return np.asarray(frames.apply(pose, self.shape.corners_mm).mean(axis=0))

@@ -12,7 +12,17 @@ from daemon.events.codes import CauseCode
 from daemon.pick.grippers.two_fingers import TwoFingers, in_the_way
 from daemon.pick.planning import plan as planning
 from daemon.pick.planning import viewpoints
-from daemon.pick.planning.plan import Destination, NoPlan, Plan, last_stretch, plan_part, same_grasp, stable_sides
+from daemon.pick.planning.place_plan import plan_to_place
+from daemon.pick.planning.plan import (
+    Destination,
+    NoPlan,
+    Plan,
+    last_stretch,
+    plan_part,
+    same_grasp,
+    shows_held,
+    stable_sides,
+)
 from daemon.pick.settings import Settings
 from daemon.store import folders
 from daemon.store.library import load_facets
@@ -21,6 +31,7 @@ from daemon.vision.geometry import exact
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
 from tests.fakes.regrasps import goal_on
+from tests.fakes.rigs import rig
 
 
 def everywhere(poses):
@@ -177,6 +188,21 @@ def test_why_there_is_no_plan_counts_the_grasps_and_those_that_a_neighbour_bars(
     assert none == NoPlan(
         expected, f"none of its {len(every)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
     )
+
+
+def test_a_part_taken_to_a_place_is_grasped_so_that_it_shows_in_the_gripper():
+    """It is measured there before it is set down: a cover whose grasp hid it from both cameras went to the bin."""
+    shape, pose = shape_of("pyramid"), lying("pyramid", 0)
+    arm = Settings(), ON_HAND, everywhere, rig()
+    to_bin, _ = plan_to_place(shape, pose, (), *arm, None)
+    to_place, _ = plan_to_place(shape, pose, (), *arm, Destination([goal_on("pyramid", shape, 0)]))
+    assert isinstance(to_bin, Plan)
+    assert isinstance(to_place, Plan)
+    shows = [
+        shows_held(shape, frames.inverse(plan.grasp.world_from_tool) @ pose, ON_HAND, rig())
+        for plan in (to_bin, to_place)
+    ]
+    assert shows[1] > shows[0] + 0.1
 
 
 def test_where_no_grasp_is_reached_the_place_that_a_part_belongs_at_is_not_to_blame():
