@@ -126,7 +126,7 @@ def _blurred(samples: NDArray[np.float32], blur_px: float) -> NDArray[np.float32
 def _model(drawn: NDArray[np.float32]) -> NDArray[np.float32]:
     """(S, S, 4) of a blurred drawing (S, S): itself, its slopes a pixel along x and y, its second derivative."""
     slopes = (cv2.Sobel(drawn, cv2.CV_32F, *order, ksize=1) * (PARTS / 2) for order in ((1, 0), (0, 1)))
-    return np.dstack([drawn, *slopes, cv2.Laplacian(drawn, cv2.CV_32F) * PARTS**2]).astype(np.float32)
+    return np.asarray(np.dstack([drawn, *slopes, cv2.Laplacian(drawn, cv2.CV_32F) * PARTS**2]), np.float32)
 
 
 def _step(

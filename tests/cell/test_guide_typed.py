@@ -294,7 +294,7 @@ class Operator:
 @pytest.fixture
 def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     folder = Path(tempfile.mkdtemp(prefix="facetd-"))
-    daemon = Running(folder, "", seed=SEED, time_scale=40.0)
+    daemon = Running(folder, "", seed=SEED)
     truth = yaml.safe_load((folder / "simcell.yaml").read_text())
     truth["arm"] |= {"cold": True, "manners": {"arm_power_after_s": 1.0}}  # somebody presses the button, once asked
     (folder / "simcell.yaml").write_text(yaml.safe_dump(truth, sort_keys=False))

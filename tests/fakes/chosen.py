@@ -9,8 +9,7 @@ import pytest
 
 
 def few(cases: Iterable[Any], first: int) -> list[Any]:
-    """For `parametrize`: the first cases as they are, the others marked `long`. For cases that go the same ways through
-    the code with other numbers: what one of them would miss is caught before main moves."""
-    cases = list(cases)
-    rest = (case if isinstance(case, tuple) else (case,) for case in cases[first:])
-    return [*cases[:first], *(pytest.param(*case, marks=pytest.mark.long) for case in rest)]
+    """For `parametrize`: the cases, all but the first few marked `long`. For cases that go the same ways through the
+    code with other numbers: what one of them would miss is caught before main moves. A tuple: a value for each name."""
+    values = (case if isinstance(case, tuple) else (case,) for case in cases)
+    return [pytest.param(*each, marks=pytest.mark.long if k >= first else ()) for k, each in enumerate(values)]

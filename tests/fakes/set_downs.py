@@ -48,13 +48,11 @@ def _read(label: str) -> Drawing:
     return machined.drawn(label) if label in MACHINED else read(f"{label}.stl", drawing(label))
 
 
-@cache
 def drawn_model() -> Model:
     """The demo's parts, each taught from its drawing."""
-    return taught_from({label: _read(label) for label in TAUGHT})
+    return model_of(TAUGHT)
 
 
-@cache
 def model() -> Model:
     """The demo's parts and ten machined ones, each taught from its drawing."""
     return model_of(PARTS)
