@@ -13,10 +13,10 @@ import numpy as np
 from daemon.review.page import write_page
 from daemon.store.runlog import RunLog
 from tests.chromium import chromium
-from tests.fakes.made_run import MadeRun, part
+from tests.fakes.made_run import long_run, part
 
 LOOKS, LOOK_EVERY_S = 300, 0.1
-CYCLES = 1000
+CYCLES = 10_000
 
 
 def record_s(folder: Path, disk_busy: bool) -> np.ndarray:
@@ -78,10 +78,7 @@ def main() -> None:
                 f"record a look with two 640x480 pictures, disk {'busy' if busy else 'idle'}: median "
                 f"{np.median(ms):.3f} ms, 99 % {np.quantile(ms, 0.99):.3f} ms, worst {ms.max():.3f} ms of {LOOKS}"
             )
-        made = MadeRun(Path(name) / "20260102T030405Z")
-        for k in range(CYCLES):
-            made.pick("missed" if k % 50 == 7 else "picked")
-        run = made.close()
+        run = long_run(Path(name) / "20260102T030405Z", CYCLES)
         began_s = time.perf_counter()
         page = write_page(run, Path(name) / "page.html")
         took_s = time.perf_counter() - began_s

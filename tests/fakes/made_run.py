@@ -128,3 +128,19 @@ def quiet(runs: Path) -> None:
         if file.is_file():
             then = file.stat().st_mtime - 3600
             os.utime(file, (then, then))
+
+
+def long_run(folder: Path, cycles: int) -> Path:
+    """A run of so many cycles with scenes of four parts; of the last hundred there are images, the hardest to pack."""
+    made = MadeRun(folder, pictures=False)
+    scene = [part(f"part{k}", facets=[FACET] * 6) for k in range(4)]
+    for k in range(cycles - 100):
+        made.cycle += 1
+        made.write("cycle_start", cycle=made.cycle, target=None)
+        made.look("survey 1", *scene, refused=20)
+        outcome = "missed" if k % 50 == 7 else "picked"
+        made.write("cycle_end", cycle=made.cycle, outcome=outcome, label="cube", stops=0, why="", grasp=None)
+    made.image = np.random.default_rng(0).integers(0, 255, (480, 640), np.uint8)
+    for _ in range(100):
+        made.pick()
+    return made.close()

@@ -103,22 +103,6 @@ def test_it_picks_a_part_over_the_serial_line(person: Person) -> None:
     )
 
 
-def test_on_half_of_its_processor_it_picks_all_the_same(person: Person) -> None:
-    share = ["systemctl", "set-property", "--runtime", "facetd"]
-    before, restarts = len(list(looks())), unit("NRestarts")
-    assert run(*share, "CPUQuota=50%").returncode == 0
-    try:
-        took_s = picks_it(person)
-    finally:  # a daemon left at half fails whatever is tried after it
-        assert run(*share, "CPUQuota=").returncode == 0
-    assert unit("NRestarts") == restarts, "its watchdog waits for it"
-    lights = [look["seconds"]["from_light"] for look in list(looks())[before:] if look["cycle"]]
-    write_down(
-        f"with CPUQuota=50%: one {PART} picked in {took_s:.0f} s with {len(lights)} looks, from mid-exposure to the "
-        f"answer median {statistics.median(lights):.2f} s, worst {max(lights):.2f} s"
-    )
-
-
 def test_the_journal_has_fields_to_search_by() -> None:
     records = journal()
     ends = [r for r in records if r.get("OUTCOME")]
