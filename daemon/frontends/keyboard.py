@@ -42,6 +42,9 @@ class InputLines:
         self._shown: str | None = None
         self._answers: SimpleQueue[str] = SimpleQueue()
         self._partial = b""
+        self._refused = False
+        """Whether what still comes is not done, by control-C at a pipe: it was written before anybody pressed that."""
+        self._handing_over = threading.Lock()
         self._interrupted_input: list[str] = []
         """Parts of the line being typed that questions interrupted: they answer none, and may contain a stop."""
         self._closed, self._wake = threading.Event(), os.eventfd(0)
@@ -66,8 +69,10 @@ class InputLines:
             self._question = None
 
     def drop(self) -> None:
-        """Drop the waiting lines and report them."""
-        self._report_dropped(self._dropped())
+        """Drop the waiting lines and report them; at a pipe also those that are still to come."""
+        with self._handing_over:
+            self._refused, dropped = not sys.stdin.isatty(), self._dropped()
+        self._report_dropped(dropped)
 
     def close(self) -> None:
         """Stop reading, after a stop that is being sent is done."""
@@ -118,7 +123,11 @@ class InputLines:
         elif self._question is not None and self._shown is self._question:
             self._answers.put(line)
         else:
-            self.waiting.put(line)
+            with self._handing_over:
+                if not self._refused:
+                    self.waiting.put(line)
+                    return
+            self._report_dropped([line])
 
     def _dropped(self) -> list[str]:
         """Remove and return the waiting lines; the end of input stays."""

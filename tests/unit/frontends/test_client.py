@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
 import socket
 import threading
@@ -125,6 +126,32 @@ def test_control_c_at_what_moves_nothing_keeps_back_what_was_to_follow_and_may_m
     assert [message.get("do") for message in daemon.heard] == ["train", None]
     assert "Nothing moves." in capsys.readouterr().out
     typed.close()
+
+
+def test_what_a_pipe_brings_after_control_c_is_not_done_either(
+    daemon: Scripted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was written before anybody pressed that, and stood in the pipe, or came from another process."""
+    read, write = os.pipe()
+    os.write(write, b"train\n")
+    pressed = iter([KeyboardInterrupt()])
+
+    def say(text: str) -> None:
+        print(text)
+        if "learning" in text:
+            for key in pressed:
+                raise key
+        if text == DONE["done"]["text"]:
+            os.write(write, b"pick\n")
+            os.close(write)
+
+    daemon.answers |= {"train": [{"say": "learning"}], "True": [DONE, {"stopped": "Nothing moves."}], "pick": [DONE]}
+    with open(read, encoding="utf-8") as typed:
+        monkeypatch.setattr("sys.stdin", typed)
+        monkeypatch.setattr(console, "_say", say)
+        assert ctl.main(["--socket", str(daemon.path), "console"]) == ctl.DONE
+    assert [message.get("do") for message in daemon.heard] == ["train", None]
+    assert capsys.readouterr().out.endswith("not done: pick\n")
 
 
 def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scripted) -> None:
