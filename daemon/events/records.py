@@ -120,9 +120,8 @@ def meaning(description: str, unit: str | None = None) -> Meta:
 
 
 class EventRecord(msgspec.Struct, kw_only=True):
-    """What every record has."""
+    """Fields of every record, besides its kind, which is the tag of its structure."""
 
-    kind: str
     seq: Annotated[int, Meta(ge=0, le=2**53, description="counts from 0")]
     t: Annotated[datetime, meaning("when, UTC")]
     mono_s: Annotated[Finite, meaning("monotonic clock; starts anew with the daemon", "s")]
@@ -130,12 +129,12 @@ class EventRecord(msgspec.Struct, kw_only=True):
 
 
 class CycleRecord(EventRecord, kw_only=True):
-    """What every record of a pick has."""
+    """Fields of every record of a pick."""
 
     cycle: Annotated[Count, meaning("number of the pick in its run; null or 0: none")] = None
 
 
-class RunStart(EventRecord, kw_only=True):
+class RunStart(EventRecord, tag_field="kind", tag="run_start"):
     """A run begins, or what it works with has changed."""
 
     version: Annotated[Text, meaning("of facetd")] = None
@@ -156,7 +155,7 @@ class RunStart(EventRecord, kw_only=True):
     times_life: Annotated[Number, meaning("speed of a simulated cell, as a multiple of real time")] = None
 
 
-class ModelInUse(EventRecord, kw_only=True):
+class ModelInUse(EventRecord, tag_field="kind", tag="model"):
     """A model was taken into use."""
 
     action: Annotated[Text, meaning("start, accepted, rolled back")] = None
@@ -165,7 +164,7 @@ class ModelInUse(EventRecord, kw_only=True):
     file: Annotated[Text, meaning("in kept/")] = None
 
 
-class CommandGiven(EventRecord, kw_only=True):
+class CommandGiven(EventRecord, tag_field="kind", tag="command"):
     """A command that a person gave."""
 
     who: Annotated[Text, meaning("the person")] = None
@@ -173,21 +172,21 @@ class CommandGiven(EventRecord, kw_only=True):
     text: Annotated[Text, meaning("the line")] = None
 
 
-class NoteTaken(EventRecord, kw_only=True):
+class NoteTaken(EventRecord, tag_field="kind", tag="note"):
     """A person's comment."""
 
     who: Annotated[Text, meaning("the person")] = None
     text: Annotated[Text, meaning("the comment")] = None
 
 
-class OperatorNamed(EventRecord, kw_only=True):
+class OperatorNamed(EventRecord, tag_field="kind", tag="operator"):
     """Who works at a terminal from now on."""
 
     who: Annotated[Text, meaning("the person, and the account or terminal")] = None
     before: Annotated[Text, meaning("who it was before")] = None
 
 
-class AutoSet(EventRecord, kw_only=True):
+class AutoSet(EventRecord, tag_field="kind", tag="auto"):
     """`auto` was switched on or off."""
 
     on: Annotated[Flag, meaning("false: done, or given up")] = None
@@ -196,7 +195,7 @@ class AutoSet(EventRecord, kw_only=True):
     order: Annotated[dict[str, Any] | None, meaning("of a job: its name, and the steps that are left")] = None
 
 
-class LeftBehind(EventRecord, kw_only=True):
+class LeftBehind(EventRecord, tag_field="kind", tag="left"):
     """Where the previous daemon was interrupted; valid until `resume`."""
 
     run: Annotated[Text, meaning("its run")] = None
@@ -208,19 +207,19 @@ class LeftBehind(EventRecord, kw_only=True):
     fault: Annotated[Text, meaning("the active fault")] = None
 
 
-class HoldingSeen(EventRecord, kw_only=True):
+class HoldingSeen(EventRecord, tag_field="kind", tag="holding"):
     """Whether a part is in the gripper."""
 
     held: Annotated[Flag, meaning("what an operator saw; null: unknown")] = None
 
 
-class CycleStart(CycleRecord, kw_only=True):
+class CycleStart(CycleRecord, tag_field="kind", tag="cycle_start"):
     """A pick begins."""
 
     target: Annotated[Text, meaning("the requested part; null: any")] = None
 
 
-class StateChanged(CycleRecord, kw_only=True):
+class StateChanged(CycleRecord, tag_field="kind", tag="state"):
     """The pick changed its state."""
 
     from_: Annotated[Text, meaning("the state before")] = msgspec.field(default=None, name="from")
@@ -228,7 +227,7 @@ class StateChanged(CycleRecord, kw_only=True):
     to: Annotated[Text, meaning("the state now")] = None
 
 
-class LookTaken(CycleRecord, kw_only=True):
+class LookTaken(CycleRecord, tag_field="kind", tag="look"):
     """A pair of images, and what the recogniser found in it."""
 
     stop: Annotated[Count, meaning("number of the look at the chosen part")] = None
@@ -247,14 +246,14 @@ class LookTaken(CycleRecord, kw_only=True):
     moved: Annotated[MovedPairRecord | None, meaning("places of a pair that one camera took")] = None
 
 
-class CamerasInUse(EventRecord, kw_only=True):
+class CamerasInUse(EventRecord, tag_field="kind", tag="eyes"):
     """Which cameras facetd uses from now on."""
 
     alone: Annotated[Text, meaning("the one camera; null: both")] = None
     why: Annotated[Text, meaning("in words")] = None
 
 
-class PoseEstimate(CycleRecord, kw_only=True):
+class PoseEstimate(CycleRecord, tag_field="kind", tag="estimate"):
     """Where the part is, from the looks so far."""
 
     stop: Annotated[Count, meaning("number of the look")] = None
@@ -266,7 +265,7 @@ class PoseEstimate(CycleRecord, kw_only=True):
     chi2: Annotated[Number, meaning("disagreement with the looks before, 6 degrees of freedom")] = None
 
 
-class DecisionMade(CycleRecord, kw_only=True):
+class DecisionMade(CycleRecord, tag_field="kind", tag="decision"):
     """What the pick decided, and why."""
 
     code: Annotated[Text, meaning("of daemon/events/codes.py: DecisionCode, or the CauseCode of a skipped part")] = None
@@ -283,7 +282,7 @@ class DecisionMade(CycleRecord, kw_only=True):
     chi2: Annotated[Number, meaning("of two looks that disagree")] = None
 
 
-class LookGained(CycleRecord, kw_only=True):
+class LookGained(CycleRecord, tag_field="kind", tag="gained"):
     """How much one more look reduced the uncertainty."""
 
     look: Annotated[Count, meaning("number of the look at the table")] = None
@@ -296,7 +295,7 @@ class LookGained(CycleRecord, kw_only=True):
     seconds: Annotated[Number, meaning("expected time of the way and the look", "s")] = None
 
 
-class MoveSent(CycleRecord, kw_only=True):
+class MoveSent(CycleRecord, tag_field="kind", tag="move"):
     """A move of the arm is sent."""
 
     how: Annotated[Text, meaning("joint or straight")] = None
@@ -306,7 +305,7 @@ class MoveSent(CycleRecord, kw_only=True):
     sent: Annotated[Flag, meaning("false: dry")] = None
 
 
-class MoveEnded(CycleRecord, kw_only=True):
+class MoveEnded(CycleRecord, tag_field="kind", tag="moved"):
     """The arm is at rest after a move."""
 
     where: Annotated[Pose, meaning("world_from_tool", "mm")] = None
@@ -316,34 +315,34 @@ class MoveEnded(CycleRecord, kw_only=True):
     seconds: Annotated[Number, meaning("since it was sent", "s")] = None
 
 
-class MoveTakenBack(CycleRecord, kw_only=True):
+class MoveTakenBack(CycleRecord, tag_field="kind", tag="held_back"):
     """The last move or gripper command was withdrawn while its line was typed: the controller did not get it."""
 
     what: Annotated[Text, meaning("move or hand")] = None
 
 
-class GripperSet(CycleRecord, kw_only=True):
+class GripperSet(CycleRecord, tag_field="kind", tag="hand"):
     """The gripper closes, or has opened."""
 
     closed: Annotated[Flag, meaning("closes")] = None
     sent: Annotated[Flag, meaning("false: dry")] = None
 
 
-class SensorRead(CycleRecord, kw_only=True):
+class SensorRead(CycleRecord, tag_field="kind", tag="sensor"):
     """The reading of the gripper's own sensor."""
 
     when: Annotated[Text, meaning("at which step of the pick")] = None
     held: Annotated[Flag, meaning("a part is in the gripper")] = None
 
 
-class MoveRefused(CycleRecord, kw_only=True):
+class MoveRefused(CycleRecord, tag_field="kind", tag="refusal"):
     """The guard refused a move."""
 
     rule: Annotated[Text, meaning("the rule that refused it")] = None
     text: Annotated[Text, meaning("in words")] = None
 
 
-class FaultRaised(CycleRecord, kw_only=True):
+class FaultRaised(CycleRecord, tag_field="kind", tag="fault"):
     """The arm was stopped; nothing moves until `resume`."""
 
     code: Annotated[Text, meaning("of daemon/events/codes.py: CauseCode")] = None
@@ -354,13 +353,13 @@ class FaultRaised(CycleRecord, kw_only=True):
     while_: Annotated[Text, meaning("what facetd was doing")] = msgspec.field(default=None, name="while")
 
 
-class ArmAtRest(EventRecord, kw_only=True):
+class ArmAtRest(EventRecord, tag_field="kind", tag="rest"):
     """The arm is at rest, after a stop that the controller had not confirmed."""
 
     text: Annotated[Text, meaning("in words")] = None
 
 
-class CycleEnded(CycleRecord, kw_only=True):
+class CycleEnded(CycleRecord, tag_field="kind", tag="cycle_end"):
     """A pick has ended."""
 
     outcome: Annotated[Text, meaning("of daemon/events/outcomes.py")] = None
@@ -376,7 +375,7 @@ class CycleEnded(CycleRecord, kw_only=True):
     skipped: Annotated[list[SkippedRecord] | None, meaning("parts left where they lie, each with its outcome")] = None
 
 
-class TouchTest(EventRecord, kw_only=True):
+class TouchTest(EventRecord, tag_field="kind", tag="touch"):
     """Where the operator saw the fingertips, in a touch test."""
 
     off_mm: Annotated[list[Finite] | None, meaning("along world x and y", "mm")] = None
@@ -384,7 +383,7 @@ class TouchTest(EventRecord, kw_only=True):
     corner: Annotated[list[Finite] | None, meaning("its estimated place", "mm")] = None
 
 
-class TrueGrasp(CycleRecord, kw_only=True):
+class TrueGrasp(CycleRecord, tag_field="kind", tag="truth"):
     """The true error of a grasp, and of a set-down; only a simulated cell can write it."""
 
     error_mm: Annotated[Number, meaning("at the grasp", "mm")] = None
@@ -394,7 +393,7 @@ class TrueGrasp(CycleRecord, kw_only=True):
     place_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
 
 
-class PartReleased(CycleRecord, kw_only=True):
+class PartReleased(CycleRecord, tag_field="kind", tag="release"):
     """The gripper opened above the bin; the outcome is picked only where a part showed before and not after."""
 
     label: Annotated[Text, meaning("the part")] = None
@@ -402,27 +401,7 @@ class PartReleased(CycleRecord, kw_only=True):
     opened: Annotated[Text, meaning("the same after it had opened")] = None
 
 
-class RecordsLost(EventRecord, kw_only=True):
-    """Lines or images that could not be written."""
-
-    lost: Annotated[Count, meaning("how many")] = None
-    why: Annotated[Text, meaning("in words")] = None
-
-
-class ClockSet(EventRecord, kw_only=True):
-    """Somebody set the machine's clock."""
-
-    jump_s: Annotated[Number, meaning("by how much", "s")] = None
-
-
-class RunEnded(EventRecord, kw_only=True):
-    """The run ends. A run without this record is being written, or was cut off."""
-
-    why: Annotated[Text, meaning("in words")] = None
-    holding: Annotated[Flag, meaning("whether a part is in the gripper; null: unknown")] = None
-
-
-class PartMeasured(CycleRecord, kw_only=True):
+class PartMeasured(CycleRecord, tag_field="kind", tag="in_gripper"):
     """The part was measured in the gripper after the lift; the set-down is corrected by it."""
 
     label: Annotated[Text, meaning("the part")] = None
@@ -432,7 +411,7 @@ class PartMeasured(CycleRecord, kw_only=True):
     chi2: Annotated[Number, meaning("how far apart they are, 6 degrees of freedom")] = None
 
 
-class PlaceChanged(CycleRecord, kw_only=True):
+class PlaceChanged(CycleRecord, tag_field="kind", tag="place"):
     """The status of a place changed; it was on the disk before."""
 
     place: Annotated[Text, meaning("its name")] = None
@@ -447,7 +426,7 @@ class PlaceChanged(CycleRecord, kw_only=True):
     outline: Annotated[Points, meaning("the part's corners at the place from above, anticlockwise, world", "mm")] = None
 
 
-class PartLaidDown(CycleRecord, kw_only=True):
+class PartLaidDown(CycleRecord, tag_field="kind", tag="laid_down"):
     """A part on the table between two grasps: the gripper opens there; then what the look showed."""
 
     label: Annotated[Text, meaning("the part")] = None
@@ -460,7 +439,7 @@ class PartLaidDown(CycleRecord, kw_only=True):
     outline: Annotated[Points, meaning("its corners there from above, anticlockwise, world", "mm")] = None
 
 
-class SignalChanged(EventRecord, kw_only=True):
+class SignalChanged(EventRecord, tag_field="kind", tag="signal"):
     """A signal of the line changed, as it was read or set."""
 
     name: Annotated[Text, meaning("its name in facetd.yaml")] = None
@@ -468,41 +447,30 @@ class SignalChanged(EventRecord, kw_only=True):
     on: Annotated[Flag, meaning("whether it is on")] = None
 
 
+class RecordsLost(EventRecord, tag_field="kind", tag="gap"):
+    """Lines or images that could not be written."""
+
+    lost: Annotated[Count, meaning("how many")] = None
+    why: Annotated[Text, meaning("in words")] = None
+
+
+class ClockSet(EventRecord, tag_field="kind", tag="clock"):
+    """Somebody set the machine's clock."""
+
+    jump_s: Annotated[Number, meaning("by how much", "s")] = None
+
+
+class RunEnded(EventRecord, tag_field="kind", tag="run_end"):
+    """The run ends. A run without this record is being written, or was cut off."""
+
+    why: Annotated[Text, meaning("in words")] = None
+    holding: Annotated[Flag, meaning("whether a part is in the gripper; null: unknown")] = None
+
+
 SCHEMA: Mapping[str, type[EventRecord]] = {
-    "run_start": RunStart,
-    "model": ModelInUse,
-    "command": CommandGiven,
-    "note": NoteTaken,
-    "operator": OperatorNamed,
-    "auto": AutoSet,
-    "left": LeftBehind,
-    "holding": HoldingSeen,
-    "cycle_start": CycleStart,
-    "state": StateChanged,
-    "look": LookTaken,
-    "eyes": CamerasInUse,
-    "estimate": PoseEstimate,
-    "decision": DecisionMade,
-    "gained": LookGained,
-    "move": MoveSent,
-    "moved": MoveEnded,
-    "held_back": MoveTakenBack,
-    "hand": GripperSet,
-    "sensor": SensorRead,
-    "refusal": MoveRefused,
-    "fault": FaultRaised,
-    "rest": ArmAtRest,
-    "cycle_end": CycleEnded,
-    "touch": TouchTest,
-    "truth": TrueGrasp,
-    "release": PartReleased,
-    "in_gripper": PartMeasured,
-    "place": PlaceChanged,
-    "laid_down": PartLaidDown,
-    "signal": SignalChanged,
-    "gap": RecordsLost,
-    "clock": ClockSet,
-    "run_end": RunEnded,
+    str(shape.__struct_config__.tag): shape
+    for shape in tuple(globals().values())
+    if isinstance(shape, type) and issubclass(shape, EventRecord) and shape.__struct_config__.tag
 }
 """Every kind of record by its name."""
 for _shape in (*SCHEMA.values(), EventRecord):

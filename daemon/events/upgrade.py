@@ -1,7 +1,6 @@
 """Upgrade records of earlier releases to today's version, where a line is read.
 
-Version 1 had no codes: its faults, ends and decisions state their causes only in prose, which the expressions below
-read. No other module reads prose.
+Version 1 had no codes: its faults, ends and decisions give their causes only in prose, which this module alone reads.
 """
 
 import re
@@ -65,43 +64,20 @@ UNNAMED_PROSE = {
 
 
 WORDS: dict[str, dict[str, dict[str, str]]] = {
-    "state": {
-        "from": {"place": "bin"},
-        "to": {"place": "bin"},
-        "event": {"placed": "binned"},
-    },
+    "state": {"from": {"place": "bin"}, "to": {"place": "bin"}, "event": {"placed": "binned"}},
     "left": {"state": {"place": "bin"}},
     "cycle_end": {"outcome": {"placed": Outcome.EMPTIED}},
     "refusal": {"rule": {"fault_stands": "fault_active"}},
 }
-"""Words that had another meaning before parts were set down at places, and a rule's earlier name, by kind and field, in
-records of any version."""
+"""Earlier words of records of any version, by kind and field, with today's."""
 
 
 def upgraded(record: Record) -> Record:
     """Convert a record of version 1 to version 2, and the words of any version to today's."""
-    return _version_2({**record, **_today(record)})
-
-
-def _today(record: Record) -> Record:
-    """The fields of a record whose word is another one today."""
-    fields = WORDS.get(str(record.get("kind")), {})
-    return {key: words[record[key]] for key, words in fields.items() if record.get(key) in words}
-
-
-def _version_2(record: Record) -> Record:
-    if record.get("v") != 1:
-        return record
-    match record.get("kind"):
-        case "fault":
-            return {**record, **read_prose(str(record.get("text") or ""))}
-        case "cycle_end":
-            return {**record, **_cycle_end(record)}
-        case "decision":
-            return {**record, **_decision(record)}
-        case "look":
-            return {**record, **_look(record)}
-    return record
+    kind = str(record.get("kind"))
+    today = {key: words[record[key]] for key, words in WORDS.get(kind, {}).items() if record.get(key) in words}
+    record = {**record, **today}
+    return {**record, **CHANGES[kind](record)} if record.get("v") == 1 and kind in CHANGES else record
 
 
 def read_prose(text: str) -> Record:
@@ -113,6 +89,10 @@ def read_prose(text: str) -> Record:
         return {"code": CauseCode.MOTION_BLUR if text.startswith("NotSettled") else CauseCode.CAMERA_LOST}
     found = (code for words, code in FAULT_PROSE if re.search(words, plain) or re.search(words, text))
     return {"code": next(found, CauseCode.INTERNAL)}
+
+
+def _fault(record: Record) -> Record:
+    return read_prose(str(record.get("text") or ""))
 
 
 def _cycle_end(record: Record) -> Record:
@@ -185,3 +165,7 @@ def _look(record: Record) -> Record:
                 values[key.replace(" ", "_")] = float(value[2])
         change["health"] = {**values, **health}
     return change
+
+
+CHANGES = {"fault": _fault, "cycle_end": _cycle_end, "decision": _decision, "look": _look}
+"""What version 2 adds to a record of version 1, by kind."""
