@@ -57,3 +57,11 @@ def error_text(error: BaseException) -> str:
 
 class FacetdError(Exception):
     """What happened, where, and what to do: one line. Drivers have base classes of their own."""
+
+
+class CommandError(FacetdError):
+    """A command that cannot be run, in one line for the operator; its exit status: not done now, or not understood."""
+
+    def __init__(self, text: str, status: int = NOT_DONE) -> None:
+        super().__init__(text)
+        self.status = status

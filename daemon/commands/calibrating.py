@@ -34,8 +34,8 @@ from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError, FacetdError
 from daemon.pick.following import CameraMount, least_error, mount_of
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings

@@ -7,8 +7,8 @@ Nothing here moves the arm. With one camera each look takes two images with a mo
 from daemon.arm import CAMERA_NAMES, CameraName, Fault
 from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
-from daemon.errors import NOT_DONE
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.errors import NOT_DONE, CommandError
 from daemon.events.codes import CauseCode, FaultCause
 
 WORDS = ("left", "right", "both", "moving")

@@ -16,10 +16,10 @@ from daemon.arm import ControllerMonitor, VoidingEvent
 from daemon.cell.no_arm import CellError
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of
 from daemon.console.phrases import is_yes, plural
 from daemon.console.stop_words import means_stop
-from daemon.errors import FacetdError
+from daemon.errors import CommandError, FacetdError
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 YES = (b"Y", b"y")

@@ -8,10 +8,10 @@ import numpy as np
 from daemon.commands.positions import kept
 from daemon.config import Config, gripper_unknown, kind_of
 from daemon.console.context import Change, CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.console.phrases import at_mm, plural
 from daemon.console.text_layout import table
-from daemon.errors import NOT_DONE
+from daemon.errors import NOT_DONE, CommandError
 from daemon.store.mounted_gripper import MountedGripper, keep_mounted
 
 USAGE = "gripper [use NAME]"

@@ -6,10 +6,10 @@ from msgspec.structs import replace
 
 from daemon.commands.moving import begin
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, number, one_of
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, number, one_of
 from daemon.console.phrases import plural
 from daemon.console.text_layout import table
-from daemon.errors import DONE, NOT_DONE
+from daemon.errors import DONE, NOT_DONE, CommandError
 from daemon.store.job_file import MAX_TIMES, SUFFIX, Job, job_names, load_job
 from daemon.store.outside import FileError
 from daemon.store.place_file import BIN

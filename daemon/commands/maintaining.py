@@ -3,9 +3,9 @@
 import asyncio
 
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, one_of
+from daemon.console.interpreter import CommandResult, Frontend, command, one_of
 from daemon.console.notices import NoticeLevel
-from daemon.errors import NOT_DONE
+from daemon.errors import NOT_DONE, CommandError
 from daemon.maintenance import bundle as bundles
 from daemon.maintenance import doctor as doctors
 

@@ -5,18 +5,9 @@ from typing import Any
 
 from daemon.commands.teaching import coverage_json, describe_alike, describe_coverage
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    number,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, number, one_of, yes_or_no
 from daemon.console.phrases import at_utc, plural
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError
 from daemon.store.model_store import ModelStore
 from daemon.teaching.view_coverage import ViewCoverage, confusable_pairs
 

@@ -8,19 +8,10 @@ from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, refuse_hasty_confirm, refuse_hasty_resume, with_questions
 from daemon.config import gripper_unknown
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    number,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, number, one_of, yes_or_no
 from daemon.console.notices import NoticeLevel
 from daemon.console.phrases import NO, YES, cut_off, plural
-from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, CommandError
 from daemon.events.outcomes import Outcome
 from daemon.events.pick_order import PickOrder
 from daemon.pick.outcome import CycleEnd

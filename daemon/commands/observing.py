@@ -16,9 +16,10 @@ from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
 from daemon.config import gripper_unknown
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of
+from daemon.console.interpreter import RIGHTS, CommandResult, Frontend, command, number, one_of
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.console.text_layout import table
+from daemon.errors import CommandError
 from daemon.maintenance.doctor import mend_of
 from daemon.maintenance.journal import fault_line
 from daemon.pick.find import in_all

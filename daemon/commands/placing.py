@@ -7,19 +7,10 @@ import numpy as np
 from daemon import frames
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    form_of,
-    no_more,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandResult, Frontend, command, form_of, no_more, one_of, yes_or_no
 from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError
 from daemon.pick.planning import SidePlan, flattened, plan_picture, spot_of, stable_sides
 from daemon.pick.set_down import HeldHere
 from daemon.store.files import failing_as, write_atomically

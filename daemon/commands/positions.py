@@ -9,9 +9,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.console.phrases import at_mm, at_utc, plural
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError
 from daemon.quantities import decimal, shown
 from daemon.store.named_positions import NamedPositions
 

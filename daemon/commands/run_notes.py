@@ -3,8 +3,8 @@
 import re
 
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command
-from daemon.errors import NOT_UNDERSTOOD, spelt
+from daemon.console.interpreter import CommandResult, Frontend, command
+from daemon.errors import NOT_UNDERSTOOD, CommandError, spelt
 
 LONGEST_NOTE = 300
 NAME = re.compile(r"[\w.-]{1,30}")

@@ -6,10 +6,10 @@ from typing import Any
 
 from daemon.arm import RefusedError
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.console.notices import NoticeLevel
 from daemon.console.text_layout import table
-from daemon.errors import NOT_DONE
+from daemon.errors import NOT_DONE, CommandError
 from daemon.events.codes import CauseCode
 from daemon.events.outcomes import tally
 from daemon.signals.input_form import FORMS, form_found, keep_form

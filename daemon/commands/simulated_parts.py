@@ -7,7 +7,8 @@ import asyncio
 
 from daemon.cell.simulated_operator import DEFAULT_PARTS, SimulatedOperator
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of
+from daemon.console.interpreter import CommandResult, Frontend, command, number, one_of
+from daemon.errors import CommandError
 
 STEADY = "steady"
 """Before the labels that are scattered: each on its steadiest side."""

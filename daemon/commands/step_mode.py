@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 from daemon.arm import RefusedError, Waiting
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, yes_or_no
+from daemon.console.interpreter import CommandResult, Frontend, yes_or_no
+from daemon.errors import CommandError
 
 T = TypeVar("T")
 READ_S = 1.0

@@ -12,9 +12,9 @@ import numpy as np
 from daemon.arm import RefusedError
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, yes_or_no
+from daemon.console.interpreter import CommandResult, Frontend, yes_or_no
 from daemon.console.phrases import plural
-from daemon.errors import NOT_DONE
+from daemon.errors import NOT_DONE, CommandError
 from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoSinglePartError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looks import Look

@@ -9,19 +9,10 @@ from typing import Any
 from daemon.commands import simulated_parts, teach_around
 from daemon.commands.observing import describe_facet, drawn, take_look
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    number,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandResult, Frontend, command, no_more, number, one_of, yes_or_no
 from daemon.console.phrases import at_utc, plural
 from daemon.console.text_layout import table
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, spelt
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError, spelt
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, USUAL_PLACES
 from daemon.pick.looks import Look
 from daemon.store.outside import read_file

@@ -18,21 +18,13 @@ from daemon.console.aliases import JOBS, aliases_of
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, ends_as_a_stop, means_stop
-from daemon.console.text_layout import by_pages, fold, prose, table
-from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, internal_error, one_line, printable
+from daemon.console.text_layout import fold, prose, table
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, CommandError, internal_error, one_line, printable
 from daemon.events.codes import CauseCode, cause_of
 from daemon.maintenance import journal
 from daemon.quantities import shown, whole
 
 Grade = Literal["look", "move", "change"]
-
-
-class CommandError(FacetdError):
-    """A command that cannot be run: one line for the operator; status 1 (not now) or 2 (not understood)."""
-
-    def __init__(self, text: str, status: int = NOT_DONE) -> None:
-        super().__init__(text)
-        self.status = status
 
 
 @dataclass(frozen=True)
@@ -95,6 +87,7 @@ HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
 KEEPS_QUESTION = ("status", "help", "pause", "step", "confirm", "refuse")
+MORE = "-- more (Enter, q) --"
 MAX_QUESTIONS = 5
 """Largest number of times a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
@@ -170,22 +163,11 @@ def command(
     """
 
     def made(run: CommandHandler) -> ConsoleCommand:
-        prefix, _, details = (inspect.getdoc(run) or "").partition("\n")
-        summary = prefix[:1].lower() + prefix[1:].removesuffix(".")
+        name, (prefix, _, details) = usage.split()[0], (inspect.getdoc(run) or "").partition("\n")
+        summary, details = prefix[:1].lower() + prefix[1:].removesuffix("."), details.strip("\n")
+        also = (*aliases, *aliases_of(name))
         return ConsoleCommand(
-            usage.split()[0],
-            usage,
-            summary,
-            run,
-            grade,
-            details.strip("\n"),
-            at_once,
-            choices,
-            most,
-            further,
-            (*aliases, *aliases_of(usage.split()[0])),
-            first,
-            looks,
+            name, usage, summary, run, grade, details, at_once, choices, most, further, also, first, looks
         )
 
     return made
@@ -203,8 +185,8 @@ class Interpreter:
     def __init__(self, context: CommandContext, commands: Iterable[ConsoleCommand]) -> None:
         self.context = context
         self.commands = {command.name: command for command in commands}
-        helper = command("help [all|COMMAND]", most=1, choices=self._names, aliases=("?", "h"))(self._help)
-        self.commands["help"] = helper
+        choices = lambda _: ("all", *self.commands)  # noqa: E731
+        self.commands["help"] = command("help [all|COMMAND]", most=1, choices=choices, aliases=("?", "h"))(self._help)
         self._aliases = {alias: c.name for c in self.commands.values() for alias in c.aliases}
 
     async def interpret(self, text: str, frontend: Frontend) -> CommandResult:
@@ -229,7 +211,7 @@ class Interpreter:
                 self.context.log.record("command", who=frontend.who, door=frontend.name, text=text.strip())
             if command.most is not None:
                 no_more(words[1:], command.most, command.usage)
-            with operator_command(command.name, self.stops):
+            with operator_command(command.name, self.context.cycle.supervisor.stops):
                 return await command.run(self.context, words[1:], frontend)
         except CommandError as problem:
             return _trouble(problem)
@@ -252,8 +234,7 @@ class Interpreter:
 
     def at_once(self, text: str) -> bool:
         """Whether a line runs even while the last command is still running."""
-        words = text.split()
-        command = self._meant(words)
+        words, command = self._meant(text)
         if command is None or isinstance(command.at_once, bool):
             return command is not None and command.at_once is True
         return len(words) > 1 and words[1] in command.at_once
@@ -261,24 +242,22 @@ class Interpreter:
     def keeps_question(self, text: str) -> bool:
         """Whether a line is a command that runs while a question stays open: it shows the state, pauses motion, ends
         step mode, or decides on the waiting move."""
-        words = text.split()
-        command = self._meant(words)
+        _, command = self._meant(text)
         return command is not None and command.name in KEEPS_QUESTION and not (is_yes(text) or is_no(text))
 
     def withdraws(self, text: str) -> bool:
         """Whether a line stops the arm or withdraws its permission to move: it answers no question, and cancels open
         ones."""
-        words = text.split()
-        command = self._meant(words)
+        words, command = self._meant(text)
         return self.means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
 
     def means_stop(self, text: str) -> bool:
         """Whether a line stops the arm: also where `stop` was typed behind half of another line (`go hostop`), unless
         that is a name, or the command takes any word."""
-        return means_stop(text) or (ends_as_a_stop(text) and not self._is_known(text.split()))
+        return means_stop(text) or (ends_as_a_stop(text) and not self._is_known(text))
 
-    def _is_known(self, words: list[str]) -> bool:
-        command = self._meant(words)
+    def _is_known(self, text: str) -> bool:
+        words, command = self._meant(text)
         if command is None or len(words) < 2:
             return False
         if command.name in TAKES_ANY_WORD:
@@ -287,19 +266,6 @@ class Interpreter:
             return words[-1] in {*command.offered(self.context), *command.further(self.context, words[1])}
         except ANSWERABLE:
             return False
-
-    @property
-    def stops(self) -> int:
-        """The number of stops and disables so far: a command typed before the last of these is void."""
-        return self.context.cycle.supervisor.stops
-
-    @property
-    def awaits_confirmation_s(self) -> float | None:
-        return self.context.cycle.supervisor.awaits_confirmation_s
-
-    @property
-    def rest_reports(self) -> int:
-        return self.context.cycle.supervisor.rest_reports
 
     def complete(self, typed: str) -> list[str]:
         """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a
@@ -317,15 +283,16 @@ class Interpreter:
             return []
 
     def moves(self, text: str) -> bool:
-        words = text.split()
-        command = self._meant(words)
+        words, command = self._meant(text)
         return command is not None and command.does(words[1:]) == "move"
 
-    def _meant(self, words: list[str]) -> ConsoleCommand | None:
+    def _meant(self, text: str) -> tuple[list[str], ConsoleCommand | None]:
+        """The words of a line, and the command that it names."""
+        words = text.split()
         try:
-            return self._find(words[0]) if words else None
+            return words, self._find(words[0]) if words else None
         except CommandError:
-            return None
+            return words, None
 
     def _find(self, word: str) -> ConsoleCommand:
         """The command of that name, or the only one with that prefix. Raises CommandError."""
@@ -352,9 +319,6 @@ class Interpreter:
         if grade != "look" and frontend.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
             raise CommandError(f"{command.name}: not permitted: this {frontend.name} is read-only ({RIGHTS})", NOT_DONE)
 
-    def _names(self, _: CommandContext) -> Iterable[str]:
-        return ("all", *self.commands)
-
     async def _help(self, _: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
         """Show this screen, all commands, or one command."""
         every = {c.name: c.summary for c in self.commands.values()}
@@ -365,6 +329,21 @@ class Interpreter:
             return replace(answer, text=await by_pages(answer.text, frontend))
         every_line = table([(c.usage, c.summary) for c in self.commands.values()], frontend.columns)
         return CommandResult(await by_pages(every_line, frontend), {"commands": every})
+
+
+async def by_pages(text: str, frontend: Frontend) -> str:
+    """Show all pages but the last, waiting for Enter after each. Returns the last, or nothing where the operator quits;
+    all of it where the height of the terminal is unknown."""
+    lines = fold(text, frontend.columns)
+    if frontend.rows is None or not frontend.asks:
+        return text
+    page = max(frontend.rows - 2, 2)  # the question and the answer are below it
+    while len(lines) >= frontend.rows:
+        await frontend.say("\n".join(lines[:page]))
+        lines = lines[page:]
+        if (await frontend.ask(MORE)).strip():
+            return ""
+    return "\n".join(lines)
 
 
 def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:

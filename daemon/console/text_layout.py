@@ -1,20 +1,13 @@
-"""Lay out text for a terminal: fold lines between words, tables of two columns, paging."""
-
-from __future__ import annotations
+"""Lay out text for a terminal: lines folded between words, tables of two columns."""
 
 import re
 import textwrap
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from daemon.console.interpreter import Frontend
 
 NARROWEST, WIDEST, LOWEST = 20, 500, 4
 """Limits of the columns of a terminal, and its least rows."""
 NARROW = 60
 """Below that many columns a table has one column."""
 COLUMN = re.compile(r"\S+( \S+)*  +(?=\S)")
-MORE = "-- more (Enter, q) --"
 
 
 def fold(text: str, columns: int) -> list[str]:
@@ -46,22 +39,6 @@ def prose(text: str, columns: int) -> list[str]:
             paragraph, columns, initial_indent="  ", subsequent_indent=below, break_on_hyphens=False
         )
     return folded
-
-
-async def by_pages(text: str, frontend: Frontend) -> str:
-    """Show all pages but the last, waiting for Enter after each. Returns the last, or nothing where the operator quits;
-    all of it where the height of the terminal is unknown.
-    """
-    lines = fold(text, frontend.columns)
-    if frontend.rows is None or not frontend.asks:
-        return text
-    page = max(frontend.rows - 2, 2)  # what is asked, and the line to answer on, are below it
-    while len(lines) >= frontend.rows:
-        await frontend.say("\n".join(lines[:page]))
-        lines = lines[page:]
-        if (await frontend.ask(MORE)).strip():
-            return ""
-    return "\n".join(lines)
 
 
 def table(rows: list[tuple[str, str]], columns: int) -> str:

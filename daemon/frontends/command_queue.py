@@ -87,7 +87,7 @@ class CommandQueue:
             if self._interpreter.withdraws(text):
                 self._withdraw_question()
         else:
-            self._waiting.append((text, answered, self._interpreter.stops, block))
+            self._waiting.append((text, answered, self._stops, block))
 
     async def _stop_by_command(self, text: str) -> CommandResult:
         return await self._stopping(self._interpreter.interpret(text, self._frontend), self._frontend.who)
@@ -104,6 +104,10 @@ class CommandQueue:
     def crowded(self) -> bool:
         """Whether more commands wait than a person types."""
         return len(self._waiting) >= MOST_WAITING or len(self._tasks) >= MOST_WAITING
+
+    @property
+    def _stops(self) -> int:
+        return self._interpreter.context.cycle.supervisor.stops
 
     @property
     def asking(self) -> bool:
@@ -182,7 +186,7 @@ class CommandQueue:
         dropped, of_block = [], []
         while self._waiting and not self.busy:
             ahead, to, stops, its = self._waiting.popleft()
-            if stops != self._interpreter.stops:
+            if stops != self._stops:
                 dropped.append((ahead, to))
             elif its is not None and its == self._failed_block:
                 of_block.append((ahead, to))
@@ -228,11 +232,11 @@ class CommandQueue:
             signs.cancel()
 
     async def _report_stop(self) -> None:
-        reported, reports_seen = False, 0
+        supervisor, reported, reports_seen = self._interpreter.context.cycle.supervisor, False, 0
         while True:
             await asyncio.sleep(STOP_PENDING_EVERY_S)
-            before, reports_seen = reports_seen, self._interpreter.rest_reports
-            within_s = self._interpreter.awaits_confirmation_s
+            before, reports_seen = reports_seen, supervisor.rest_reports
+            within_s = supervisor.awaits_confirmation_s
             if within_s is None and reports_seen > before:  # a slow controller still reports whether the arm rests
                 self._sign()
             if within_s is None:

@@ -16,9 +16,9 @@ from typing import Literal
 import serial
 
 from daemon.config import SerialTerminalSettings
-from daemon.console.interpreter import CommandError, CommandResult, Interpreter
+from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.console.stop_words import ends_in_stop
-from daemon.errors import NOT_UNDERSTOOD
+from daemon.errors import NOT_UNDERSTOOD, CommandError
 from daemon.frontends.client import LONGEST_FILE, files_begun
 from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
 from daemon.frontends.line_editor import ASK_SIZE, EditorKey, LineEditor, to_terminal

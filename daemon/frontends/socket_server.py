@@ -44,10 +44,10 @@ from typing import Any
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from daemon.console.interpreter import CommandError, CommandResult, Interpreter
+from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.console.stop_words import means_stop
 from daemon.console.text_layout import LOWEST, NARROWEST, WIDEST
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, printable, visible
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError, printable, visible
 from daemon.frontends.client import LONGEST_FILE
 from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
 from daemon.frontends.line_editor import COLUMNS

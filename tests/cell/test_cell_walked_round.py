@@ -11,7 +11,7 @@ import pytest
 
 from daemon.arm import RefusedError
 from daemon.commands.teaching import teach
-from daemon.console.interpreter import CommandError
+from daemon.errors import CommandError
 from daemon.teaching.mesh import read_mesh
 from daemon.teaching.part_from_looks import deviations
 from daemon.vision.geometry import Polyhedron

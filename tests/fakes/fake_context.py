@@ -18,8 +18,8 @@ from daemon.arm.hold import Waiting
 from daemon.arm.operators import RefusedError
 from daemon.arm.permission import Fault, Grant
 from daemon.arm.robot import StopRefusedError
-from daemon.console.interpreter import CommandError
 from daemon.console.notices import Notices
+from daemon.errors import CommandError
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.place_table import PlaceTable

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from daemon.calibration.board import BoardError, parse_board
-from daemon.console.interpreter import CommandError, number
+from daemon.console.interpreter import number
+from daemon.errors import CommandError
 from daemon.quantities import LONGEST_SHOWN, decimal, shown, whole
 from daemon.store.folders import HOUSE
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.commands.teaching import teach
-from daemon.console.interpreter import CommandError
+from daemon.errors import CommandError
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.part_from_looks import Deviation, deviations
 from daemon.teaching.solid_from_mesh import DRAWN_MM

@@ -20,8 +20,8 @@ from daemon.calibration.file import load_calibration
 from daemon.calibration.session import CalibrationSession, VerificationResult
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line, grasp_lines, verification_result
-from daemon.console.interpreter import CommandError, CommandResult, Interpreter
-from daemon.errors import FacetdError
+from daemon.console.interpreter import CommandResult, Interpreter
+from daemon.errors import CommandError, FacetdError
 from daemon.pick.following import CameraMount
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings

@@ -20,7 +20,7 @@ from daemon.commands.maintaining import doctor
 from daemon.commands.moving import resume
 from daemon.commands.observing import look
 from daemon.commands.teaching import teach
-from daemon.console.interpreter import CommandError
+from daemon.errors import CommandError
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from daemon.events.pick_order import ALL, PickOrder
 from daemon.service import Service

@@ -12,7 +12,7 @@ import pytest
 from daemon.commands.models import accept
 from daemon.commands.observing import status
 from daemon.commands.teaching import describe_alike
-from daemon.console.interpreter import CommandError
+from daemon.errors import CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.teaching.trainer import Trainer

@@ -22,7 +22,8 @@ import pytest
 
 from daemon.commands import every_command
 from daemon.config import ConsoleSettings, SerialTerminalSettings
-from daemon.console.interpreter import CommandError, CommandResult, ConsoleCommand, Interpreter
+from daemon.console.interpreter import CommandResult, ConsoleCommand, Interpreter
+from daemon.errors import CommandError
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.frontends.command_queue import MOST_WAITING, Interrupt
 from daemon.frontends.line_editor import CLEAR_TO_END

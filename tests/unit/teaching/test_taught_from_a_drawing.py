@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.commands.teaching import teach
-from daemon.console.interpreter import CommandError
-from daemon.errors import NOT_UNDERSTOOD
+from daemon.errors import NOT_UNDERSTOOD, CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.teaching.trainer import Trainer
