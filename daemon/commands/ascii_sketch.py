@@ -11,10 +11,11 @@ COLUMNS, ROWS = 60, 16
 CELL_ASPECT = 2.0  # a character cell is about twice as high as wide
 
 
-def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS) -> str:
-    """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as the given size allows."""
+def sketch(outlines: Sequence[tuple[Array, str]], columns: int) -> str:
+    """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as a terminal's width allows."""
     if not outlines:
         return ""
+    columns = min(columns - 1, COLUMNS)
     every = np.concatenate([corners for corners, _ in outlines])
     low, span = every.min(axis=0), np.maximum(np.ptp(every, axis=0), 1e-9)
     scale = min((columns - 1) / span[0], (ROWS - 1) * CELL_ASPECT / span[1])

@@ -2,15 +2,13 @@
 
 import textwrap
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from daemon import VERSION
 from daemon.arm import Fault
-from daemon.arrays import Array
-from daemon.commands.ascii_sketch import COLUMNS, sketch
+from daemon.commands.ascii_sketch import sketch
 from daemon.commands.placing import counted, destinations, each_place
 from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
@@ -45,8 +43,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     if words:
         one_of(words, 0, ("places",), "word", status.usage)
     state = context.cycle.status()
-    model = context.trainer.model
-    model_store = context.trainer.model_store
+    model, model_store = context.trainer.model, context.trainer.model_store
     in_use = "not accepted yet" if model_store.current is None else f"version {model_store.current}"
     up = duration(time.monotonic() - context.started_s)
     lines = [
@@ -166,19 +163,16 @@ async def look(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 def around_result(known: WorldModel, columns: int) -> CommandResult:
     """What each look of `look around` added, and the parts known at the end."""
-    looks = [
+    texts = [
         f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, start=2)
     ]
-    lines = [line for text in looks for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
     for part in known.found:
         x, y, z = part.centre
         name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
         why = "" if part.named else f": {part.taken_for.reason}"
-        lines += textwrap.wrap(
-            f"{name} at world x {x:.0f} y {y:.0f} z {z:.0f} mm{why}", columns - 1, subsequent_indent="  "
-        )
-    end = f"{plural(len(known.looks), 'look')}: {in_all(known.found)}."
-    lines += textwrap.wrap(end, columns - 1, subsequent_indent="  ")
+        texts.append(f"{name} at world x {x:.0f} y {y:.0f} z {z:.0f} mm{why}")
+    texts.append(f"{plural(len(known.looks), 'look')}: {in_all(known.found)}.")
+    lines = [line for text in texts for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
     data = {"looks": len(known.looks), "gained": [vars(g) for g in known.gained]}
     parts = [{"label": p.label, "confidence": p.taken_for.confidence, "at": p.centre.tolist()} for p in known.found]
     return CommandResult("\n".join(lines), {**data, "parts": parts}, 0 if all(p.named for p in known.found) else 1)
@@ -235,11 +229,9 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
     for label in context.parts:
         stored = sum(view.label == label for view in views)
         metric = context.trainer.model.metric.get(label)
-        known = (
-            f"{plural(len(metric.solid.facets), 'facet')}, {metric.solid.size_mm:.0f} mm across"
-            if metric
-            else "not taught"
-        )
+        known = "not taught"
+        if metric is not None:
+            known = f"{plural(len(metric.solid.facets), 'facet')}, {metric.solid.size_mm:.0f} mm across"
         goes, taken = destinations(context, label), "" if metric is None else _grasped_by(context, metric.solid)
         rows.append((label, "; ".join(text for text in (f"{plural(stored, 'view')}, {known}", taken, goes) if text)))
         data[label] = {"views": stored, "taught": metric is not None, "goes": goes, "taken": taken or None}
@@ -260,7 +252,7 @@ def _grasped_by(context: CommandContext, solid: Polyhedron) -> str:
 def describe_scene(scene: Scene, columns: int) -> str:
     """The result of a look for a terminal: a sketch of the left image, and a line or two a part."""
     outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
-    lines = [drawn(outlines, columns)] if outlines else ["No part is seen."]
+    lines = [sketch(outlines, columns)] if outlines else ["No part is seen."]
     for mark, part in zip(MARKS, scene.parts, strict=False):
         lines.append(f"{mark} {describe_part(part)}")
         if part.recognition.cause is not None:
@@ -268,11 +260,6 @@ def describe_scene(scene: Scene, columns: int) -> str:
     reasons = {part.recognition.reason for part in scene.parts}
     lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
     return "\n".join(lines)
-
-
-def drawn(outlines: Sequence[tuple[Array, str]], columns: int) -> str:
-    """Draw outlines (N, 2) px with their names, no wider than a terminal."""
-    return sketch(outlines, min(columns - 1, COLUMNS))
 
 
 def describe_part(part: Part) -> str:

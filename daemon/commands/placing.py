@@ -1,5 +1,6 @@
 """Command `place`: show, check, plan, teach, clear and drop places for parts. positions.py has positions of the arm."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ from daemon.console.interpreter import CommandResult, Frontend, command, form_of
 from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, CommandError
-from daemon.pick.planning import SidePlan, flattened, plan_picture, spot_of, stable_sides
+from daemon.pick.planning import Goal, SidePlan, flattened, plan_picture, spot_of, stable_sides
 from daemon.pick.set_down import HeldHere
 from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError
@@ -90,13 +91,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
         goal = placing.goals.get(name)
         where = placing.unusable[name] if goal is None else at_mm(goal.centre)
         rows.append((name, f"{part.part}: {_status_text(state)}; {where}"))
-        data[name] = {
-            "part": part.part,
-            "status": str(state.status),
-            "off_mm": state.off_mm,
-            "off_deg": state.off_deg,
-            "at": None if goal is None else goal.centre.tolist(),
-        }
+        data[name] = {"part": part.part, **_status_json(state), "at": None if goal is None else goal.centre.tolist()}
     lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
     if not words:
         lines += [
@@ -116,6 +111,10 @@ def _status_text(state: PlaceState) -> str:
     return f"{state.status}{f', {state.why}' if state.why else ''}{since}"
 
 
+def _status_json(state: PlaceState) -> dict[str, object]:
+    return {"status": str(state.status), "off_mm": state.off_mm, "off_deg": state.off_deg}
+
+
 def _sides(context: CommandContext, label: str) -> CommandResult:
     """List the sides of a part, numbered as side_down numbers them."""
     shape = _shape(context, label)
@@ -133,28 +132,30 @@ def _shape(context: CommandContext, label: str) -> Polyhedron:
     return shape
 
 
+def _goal(context: CommandContext, name: str) -> Goal:
+    """Where the part of a place lies. Raises CommandError for a place that cannot be used."""
+    placing = context.cycle.placing
+    if name in placing.unusable:
+        raise CommandError(f"place {name}: {placing.unusable[name]}")
+    return placing.goals[name]
+
+
 async def _check(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
     taken = [goal.place.name for goal in placing.taken()]
     names = _places_named(context, words, "check") if words else taken
     names = names if len(names) == 1 else [name for name in names if name in taken]
-    for name in names:
-        if name in placing.unusable:
-            raise CommandError(f"place {name}: {placing.unusable[name]}")
-    if not names:
+    goals = [_goal(context, name) for name in names]
+    if not goals:
         return CommandResult("Every place is free: there is nothing to look at.", {"places": {}})
-    goals = [placing.goals[name] for name in names]
     await with_questions(context, context.cycle.look_at_places(goals), frontend)
     if context.cycle.status()["dry"]:
         return CommandResult(f"Dry run: {plural(len(goals), 'place')} planned, not looked at.")
     states = {name: placing.statuses.of(name) for name in names}
     right = all(state.status in (PlaceStatus.RIGHT, *FILLABLE) for state in states.values())
     rows = [(name, f"{placing.goals[name].place.part}: {_status_text(state)}") for name, state in states.items()]
-    data = {
-        name: {"status": str(s.status), "off_mm": s.off_mm, "off_deg": s.off_deg, "why": s.why}
-        for name, s in states.items()
-    }
+    data = {name: {**_status_json(state), "why": state.why} for name, state in states.items()}
     return CommandResult(table(rows, frontend.columns), {"places": data}, 0 if right else NOT_DONE)
 
 
@@ -166,19 +167,15 @@ async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -
     own = [place.name for place in placing.places.of(label)]
     if not own:
         return CommandResult(f"The {label} has no place: it goes to the bin.", {"plans": {}})
-    firsts = list({pattern_of(name): name for name in reversed(own)}.values())[::-1]
-    names = (
-        [name for name in _places_named(context, words[1:], "plan") if name in own][:1]
-        if words[1:]
-        else firsts[:MOST_PLANNED]
-    )
+    if words[1:]:
+        names = [name for name in _places_named(context, words[1:], "plan") if name in own][:1]
+    else:
+        names = list({pattern_of(name): name for name in reversed(own)}.values())[::-1][:MOST_PLANNED]
     if not names:
         raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_NAMED])}")
     plans: dict[str, list[SidePlan]] = {}
     for name in names:
-        if name in placing.unusable:
-            raise CommandError(f"place {name}: {placing.unusable[name]}")
-        goal, plans[name] = placing.goals[name], []
+        goal, plans[name] = _goal(context, name), []
         try:
             for side in stable_sides(goal.shape):
                 plan = await context.cycle.plan_from_side(goal, side)
@@ -357,28 +354,16 @@ def report_moved(context: CommandContext) -> None:
 
 def counted(context: CommandContext) -> dict[str, int]:
     """The number of places of each status."""
-    placing = context.cycle.placing
-    found: dict[str, int] = {}
-    for name in _names(context):
-        status = str(placing.statuses.of(name).status)
-        found[status] = found.get(status, 0) + 1
-    return found
+    statuses = context.cycle.placing.statuses
+    return dict(Counter(str(statuses.of(name).status) for name in _names(context)))
 
 
 def each_place(context: CommandContext) -> list[dict[str, object]]:
     """Every place whose part is taught, for the dashboard: name, part, status, deviation, outline from above (mm,
     world)."""
     placing = context.cycle.placing
-    states = {name: placing.statuses.of(name) for name in placing.goals}
     return [
-        {
-            "name": name,
-            "part": goal.place.part,
-            "status": str(states[name].status),
-            "off_mm": states[name].off_mm,
-            "off_deg": states[name].off_deg,
-            "outline": goal.outline,
-        }
+        {"name": name, "part": goal.place.part, **_status_json(placing.statuses.of(name)), "outline": goal.outline}
         for name, goal in placing.goals.items()
     ]
 

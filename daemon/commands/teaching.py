@@ -3,11 +3,13 @@
 import difflib
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_parts, teach_around
-from daemon.commands.observing import describe_facet, drawn, take_look
+from daemon.commands.ascii_sketch import sketch
+from daemon.commands.observing import describe_facet, take_look
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandResult, Frontend, command, no_more, number, one_of, yes_or_no
 from daemon.console.phrases import at_utc, plural
@@ -71,8 +73,7 @@ async def teach(context: CommandContext, words: list[str], frontend: Frontend) -
 async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Frontend) -> CommandResult:
     seen = await take_look(context, frontend, f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
-    table = context.table_in(seen)
-    moved = seen.taken.moved
+    table, moved = context.table_in(seen), seen.taken.moved
     group, others = await context.study(context.trainer.check, label, left, right, table, moved)
     facets, sides = await context.study(context.trainer.preview_view, label, group)
     apart, foreign = unconnected_facets(group, others)
@@ -263,22 +264,22 @@ def describe_coverage(coverage: ViewCoverage, brief: bool = False) -> str:
         known += f"; from {100 * coverage.unseen:.0f} % of all directions it shows sides that were never seen"
     else:
         known += ", enough from every direction"
-    lines = [known + "."]
     if brief:
         taken = {name for m in coverage.mistakes for name in m.recognised_as if name not in (coverage.label, "unknown")}
         return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
+    lines = [known + "."]
     if coverage.turn_away is not None:
         place, kind = coverage.turn_away
         lines.append(
             f"  Show next: turn it so that side {place + 1} ({facet_name(kind)}) points away from the cameras."
         )
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     for mistake in coverage.mistakes:
         others = [name for name in mistake.recognised_as if name not in (coverage.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
         alone = facets_counted(mistake.facets, " and ")
         seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
-        counts[f"{seen}, it {what}"] = counts.get(f"{seen}, it {what}", 0) + mistake.viewpoints
+        counts[f"{seen}, it {what}"] += mistake.viewpoints
     for text, directions in list(counts.items())[:3]:
         count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
         lines.append(f"  {text} ({count}); a second look from another side decides.")
@@ -327,7 +328,7 @@ def facets_shown(
     rows: dict[str, list[str]] = {}
     for facet, mark in zip(facets, marks, strict=True):
         rows.setdefault(describe_facet(facet), []).append(mark)
-    lines = [drawn(outlines, columns)]
+    lines = [sketch(outlines, columns)]
     lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
     if foreign:
         lines.append(f"and {plural(len(foreign), 'facet')} of another object")
