@@ -127,8 +127,7 @@ def _tell(text: str, end: str = "\n") -> None:
 
 
 async def ask_person(consult: Consult, wants_stop: asyncio.Event) -> str:
-    """The person's answer, typed after the question. A yes-or-no question repeats until one of the two is typed. Empty
-    at the terminal's end and after a stop."""
+    """The person's answer, `yes` or `no` where the question wants one; empty at the end of input and after a stop."""
     question = consult.text
     while True:
         *before, begun = unread_input().decode("utf-8", "replace").split("\n")

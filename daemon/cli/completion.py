@@ -36,8 +36,7 @@ def options(parser: argparse.ArgumentParser) -> tuple[list[str], list[str], bool
 
 
 def script(shell: str, asked: Iterable[str], jobs: Mapping[str, argparse.ArgumentParser], own: Iterable[str]) -> str:
-    """The shell's script. asked: the daemon's commands; jobs: commands without a daemon; own: the tool's own
-    commands."""
+    """The shell's script. asked: the daemon's commands; jobs: those without a daemon; own: the tool's."""
     asked, own = sorted(asked), sorted(own)
     taken = {name: options(parser) for name, parser in jobs.items()}
     files = sorted({option for _, follows, _ in taken.values() for option in follows} | {"--mesh", "--socket"})

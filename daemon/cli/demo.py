@@ -85,8 +85,7 @@ def register(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the demo; 0 only when every part was picked, and every part of the kit was seen right. Raises FileError,
-    DemoError, OSError."""
+    """Run the demo; 0 where every pick and every set-down succeeded. Raises FileError, DemoError, OSError."""
     from daemon.review.page import write_page
 
     args.time_scale = _time_scale() if args.time_scale is None else args.time_scale
@@ -127,8 +126,7 @@ def _begin_default_state(runs: Path, written: Path) -> None:
 
 
 def _begin(state: Path, run: str) -> None:
-    """Write an empty recovery state for a daemon that finds runs of others in its folder: it would report their state
-    as lost. Raises OSError."""
+    """Write an empty recovery state: a daemon that finds runs and none would report it as lost. Raises OSError."""
     with contextlib.closing(RecoveryFile(state / FILE)) as file:
         file.begin(run)
 
@@ -334,8 +332,7 @@ def _kept(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
 
 
 def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
-    """Print the picks of an auto as they are recorded, until it ends; returns the ends, and the true errors by
-    cycle."""
+    """Print the picks of an auto until it ends; returns the ends, and the true errors by cycle."""
     ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
     for record in records:

@@ -42,8 +42,7 @@ def listener(folder: Path) -> Iterator[socket.socket]:
 
 @contextlib.contextmanager
 def daemon_in(folder: Path, ends_within_s: float) -> Iterator[tuple[subprocess.Popen[bytes], socket.socket]]:
-    """A daemon with the facetd.yaml of a folder, which has its messages in the file stderr, and the socket for its
-    reports. It is ended afterwards."""
+    """Start a daemon with the facetd.yaml of a folder; yields it and the socket for its reports. Ended afterwards."""
     command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
     environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify")}
     with (folder / "stderr").open("wb") as errors, listener(folder) as reports:
@@ -62,8 +61,7 @@ def wait_until_ready(
     stalled_s: float = STALLED_S,
     patience_s: float = PATIENCE_S,
 ) -> None:
-    """Return when the process has reported READY=1. Raises StartError once it has ended, or has not got on for
-    stalled_s."""
+    """Wait for READY=1. Raises StartError once the process has ended, or has not got on for stalled_s."""
     began_s = moved_s = time.monotonic()
     stage, reported_stage, used_s = "loading the program", "", 0.0
     while process.poll() is None:

@@ -124,8 +124,7 @@ def _check_cameras(context: CommandContext, kind: str) -> None:
 
 
 def _session(context: CommandContext, board: Board, held: bool = False) -> CalibrationSession:
-    """Start a calibration. held: the gripper holds the board; the tour guards the board once it was seen, and nothing
-    moves before."""
+    """A calibration session. held: the gripper holds the board; nothing moves before the cameras have seen it."""
     cycle = context.cycle
     prepare_to_move = cycle.supervisor.mover.wait_until_at_rest if held else cycle.prepare_to_move
     settling = cycle.settings.settling

@@ -112,8 +112,7 @@ async def remaining_camera(context: CommandContext, cause: FaultCause) -> tuple[
 
 
 async def offer_one_camera(context: CommandContext, fault: Fault, frontend: Frontend) -> str | None:
-    """After a camera fault, ask whether to continue with the remaining camera, and switch to it. Returns a message, or
-    None; raises CommandError where the operator declines."""
+    """Ask whether to continue with the camera that still works; returns a message. Raises CommandError on a no."""
     cause = fault.cause
     left = await remaining_camera(context, cause)
     if left is None:

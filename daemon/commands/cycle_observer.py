@@ -54,8 +54,7 @@ class CycleObserver:
             self._start(self.continue_with_one_camera(), "one camera")
 
     def continue_with_one_camera(self) -> Coroutine[Any, Any, None]:
-        """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`
-        would ask. Applies to the present fault only."""
+        """Continue an auto with one camera after this fault of the other, if an operator allowed it beforehand."""
         supervisor = self._context.cycle.supervisor
         return self._continue(supervisor.stops, supervisor.permission.fault)
 
@@ -76,8 +75,7 @@ class CycleObserver:
             context.notices.tell(f"Auto continues with the {left[0]} camera alone (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, end: CycleEnd) -> None:
-        """Record the true error of the grasp and the set-down, which only a simulated cell knows, beside the predicted
-        and observed ones."""
+        """Record the true error of the grasp and of the set-down, which only a simulated cell knows."""
         context, hand = self._context, self._context.hardware.operator
         if (
             hand is None

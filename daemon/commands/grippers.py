@@ -67,8 +67,7 @@ def _show(context: CommandContext, frontend: Frontend) -> CommandResult:
 
 
 async def _check_may_change(context: CommandContext) -> None:
-    """Check that the gripper may be changed: the arm rests, no job runs, the gripper is empty. Raises CommandError,
-    RefusedError."""
+    """Check that no job runs, the gripper is empty, and the arm at rest. Raises CommandError, RefusedError."""
     supervisor = context.cycle.supervisor
     supervisor.refuse_while_stopping("gripper use")
     supervisor.refuse_during_job("the gripper is changed")

@@ -55,8 +55,7 @@ def _has_hand_eye(context: CommandContext) -> bool:
 
 
 async def _ask_robot_only(context: CommandContext, frontend: Frontend) -> Grant:
-    """Ask whether to enable the arm for `robot` only, where no move could be guarded. Raises CommandError on anything
-    but a yes."""
+    """Ask whether to enable the arm for `robot` only. Raises CommandError on anything but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
         raise CommandError(
@@ -338,8 +337,7 @@ def describe_end(end: CycleEnd, why: bool = True) -> str:
 
 
 def report_end(context: CommandContext, end: CycleEnd) -> None:
-    """Report the end of a pick to operators who do not wait for it, except an empty table and a fault, which is
-    reported elsewhere."""
+    """Report the end of a pick to operators who do not wait for it; faults are reported elsewhere."""
     if end.outcome not in ("empty", "fault"):
         context.notices.tell(describe_end(end), NoticeLevel.OUTCOMES)
 
@@ -361,8 +359,7 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
 
 
 def _parse_auto(words: list[str]) -> PickOrder:
-    """Parse [N] [every S|signal]: how many parts; after how many seconds to look again at an empty table, or whether to
-    wait for the line's signal."""
+    """Parse `[N] [every S|signal]`. Raises CommandError."""
     count = every_s = None
     if words and words[0] not in ("every", "signal"):
         count, words = number(words[0], "N", 1, MOST_PICKS), words[1:]

@@ -160,8 +160,7 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
 
 
 async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Plan, for each side that a part can lie on, whether it can be brought to its place, or to the first of its
-    pattern."""
+    """Plan whether a part can be brought to its places, from each side that it can lie on."""
     no_more(words, 2, USAGE)
     label, placing = one_of(words, 0, context.parts, "part", form_of(USAGE, "plan")), context.cycle.placing
     own = [place.name for place in placing.places.of(label)]
@@ -359,8 +358,7 @@ def counted(context: CommandContext) -> dict[str, int]:
 
 
 def each_place(context: CommandContext) -> list[dict[str, object]]:
-    """Every place whose part is taught, for the dashboard: name, part, status, deviation, outline from above (mm,
-    world)."""
+    """Every place whose part is taught, with its outline from above (mm, world), for the dashboard."""
     placing = context.cycle.placing
     return [
         {"name": name, "part": goal.place.part, **_status_json(placing.statuses.of(name)), "outline": goal.outline}

@@ -81,8 +81,7 @@ def _distance(word: str, unit: str) -> float:
 
 
 def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: Array) -> Array:
-    """The tool pose after a small move along or about an axis of world or tool; a rotation is about the tool centre
-    point."""
+    """The tool pose after a small move along an axis, or about one through the tool centre point."""
     along = np.eye(3)[axis]
     turned, shifted = np.eye(3), np.zeros(3)
     if unit == "mm":

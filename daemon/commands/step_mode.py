@@ -1,5 +1,4 @@
-"""Wait for the end of a motion. In step mode, ask the operator to confirm each move, or report that it waits; report
-that motion is paused."""
+"""Wait for the end of a motion; in step mode ask the operator to confirm each move, or report that it waits."""
 
 import asyncio
 import contextlib
@@ -66,8 +65,7 @@ class PendingMoveReminder:
 
 
 async def report_waiting_move(context: CommandContext) -> None:
-    """Report at every frontend, for as long as the daemon runs, a move that waits for confirmation while no operator is
-    asked."""
+    """Report a move that waits for confirmation at every frontend, while no operator is asked."""
     waits = PendingMoveReminder()
     while True:
         await asyncio.sleep(CHECK_WAITING_S)

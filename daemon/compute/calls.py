@@ -15,8 +15,7 @@ class ComputeError(FacetdError):
 
 
 class ByReference:
-    """A large value that never changes and is part of many requests: sent to a worker once, later referred to by
-    number."""
+    """A large constant value of many requests: a worker gets it once, and then its number."""
 
 
 class Compute(Protocol):

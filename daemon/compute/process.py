@@ -25,8 +25,7 @@ from daemon.errors import FacetdError
 NICE = 5
 """Priority below the daemon's."""
 FIRST_TO_GO = 500
-"""Added to the daemon's oom_score_adj: where memory is short the kernel kills the worker, not the process that stops
-the arm."""
+"""Added to the daemon's oom_score_adj: the kernel kills the worker before the process that stops the arm."""
 MOST_MB = 512
 """Limit of its own memory (RLIMIT_DATA): a calculation that needs more fails, and the daemon keeps its memory."""
 PR_SET_PDEATHSIG = 1

@@ -110,8 +110,7 @@ class CommandContext:
         self.troubles.report("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
 
     async def begin_auto(self, pick_order: PickOrder = ALL) -> None:
-        """Start `auto` in the background. Raises RefusedError where it may not start; `auto_ends` then still waits for
-        the one that is on."""
+        """Start `auto` in the background. Raises RefusedError where it may not start."""
         auto = asyncio.create_task(self.cycle.begin_auto(pick_order), name="auto")
         auto.add_done_callback(self._auto_ended)
         self._begun = pick_order

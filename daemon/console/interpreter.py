@@ -118,8 +118,7 @@ class ConsoleCommand:
     grade: Grade = "look"
     details: str = ""
     at_once: bool | frozenset[str] = False
-    """Whether it runs while the same operator's last command is still running; or the first arguments with which it
-    does."""
+    """Whether it runs while the operator's last command is still running; or the first arguments with which it does."""
     choices: Choices = ()
     """Values of the first argument, for completion and suggestions."""
     most: int | None = None
@@ -240,14 +239,12 @@ class Interpreter:
         return len(words) > 1 and words[1] in command.at_once
 
     def keeps_question(self, text: str) -> bool:
-        """Whether a line is a command that runs while a question stays open: it shows the state, pauses motion, ends
-        step mode, or decides on the waiting move."""
+        """Whether a line is a command that runs while a question stays open (KEEPS_QUESTION)."""
         _, command = self._meant(text)
         return command is not None and command.name in KEEPS_QUESTION and not (is_yes(text) or is_no(text))
 
     def withdraws(self, text: str) -> bool:
-        """Whether a line stops the arm or withdraws its permission to move: it answers no question, and cancels open
-        ones."""
+        """Whether a line withdraws the arm's permission to move: it answers no question, and cancels open ones."""
         words, command = self._meant(text)
         return self.means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
 
@@ -268,8 +265,7 @@ class Interpreter:
             return False
 
     def complete(self, typed: str) -> list[str]:
-        """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a
-        stop perhaps."""
+        """Completions of the line typed so far; none where the choices cannot be read."""
         *before, prefix = typed.split(" ")
         if not before:
             return [name for name in sorted(self.commands) if name.startswith(prefix)]

@@ -30,8 +30,7 @@ class Listener(Protocol):
 
 
 class Notices:
-    """The listening frontends, the level of each, and those at which an operator waits for an answer that says the
-    same."""
+    """The listening frontends, the level of each, and those where an answer will say what a notice says."""
 
     def __init__(self) -> None:
         self._frontends: list[Listener] = []

@@ -42,6 +42,5 @@ def withdraws_permission(text: str) -> bool:
 
 
 def ends_in_stop(removed: Sequence[str], line: str) -> bool:
-    """Whether a line stops the arm of which questions interrupted the typing. removed: the unfinished inputs that they
-    removed from the prompt, oldest first."""
+    """Whether a line stops the arm, with the unfinished inputs (oldest first) that questions removed before it."""
     return any(means_stop("".join(removed[k:]) + line) for k in range(len(removed) + 1))

@@ -143,8 +143,7 @@ async def picture_once_written(run: RunFollower, seq: int, camera: str) -> bytes
 
 
 async def changes(now: DashboardState) -> AsyncIterator[str]:
-    """Server-Sent Events: the whole state at first and after each change; comments in between, to detect a closed
-    page."""
+    """Server-Sent Events: the whole state after each change; comments in between detect a closed page."""
     sent, idle_s = -1, 0.0
     while True:
         if now.version != sent:

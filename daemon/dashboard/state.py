@@ -115,8 +115,7 @@ class DashboardState:
         }
 
     def space(self, arm: RecordedArm | None) -> Json:
-        """Where the arm and the parts are now, mm in the world, and the way since the cycle began. moment None: nothing
-        was recorded yet."""
+        """Where arm and parts are now, mm in the world, and the way since the cycle began. moment None: no record."""
         moments = moments_of(self.recent, 0.0)
         arrivals = [record for record in self.recent if is_arrival(record)]
         drawn = space_of(arm, joints_over(arrivals, moments[-1:]), way_of(arrivals, self.recent, arm))

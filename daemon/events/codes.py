@@ -11,8 +11,7 @@ from typing import Self
 
 
 class CauseCode(StrEnum):
-    """What caused a fault or the end of a pick: its code in records, the name that pages show, where in the cell the
-    cause lies, and what to do about it."""
+    """Cause of a fault or of the end of a pick: code in records, name on pages, place in the cell, remedy."""
 
     summary: str
     stage: str

@@ -66,8 +66,7 @@ class PickOrder(Struct, frozen=True):
         return next((step.place for step in self._wanted if step.part == label), None)
 
     def brought(self, label: str | None) -> PickOrder:
-        """The order after a part was brought; label None: a part that was in the gripper before, which belongs to no
-        step."""
+        """The order after a part was brought. label None: it was in the gripper before, and is of no step."""
         number = next((n for n, step in enumerate(self._wanted) if step.part == label), None)
         if self.count is None or (self.steps and number is None):
             return self

@@ -32,8 +32,7 @@ RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "model": lambda row: row["model_version"] or row["model"],
     "end": lambda row: "running" if row["going"] else row["ended"],
 }
-"""Columns of the table for people, within 80 characters; --json has every figure. mm: mean predicted error at the
-grasp."""
+"""Columns of the table for people, within 80 characters. mm: mean predicted error at the grasp."""
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

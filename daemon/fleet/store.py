@@ -73,8 +73,7 @@ class Store:
 
     @contextmanager
     def replacing(self, *parts: str) -> Iterator[IO[bytes]]:
-        """Open a file for writing that takes its place once complete: readers, also after a crash, see the old file or
-        the new one."""
+        """Open a file for writing that takes its place once complete: readers see the old file or the new one."""
         self.fs.makedirs(self.path(*parts[:-1]), exist_ok=True)
         path = self.path(*parts)
         temporary = f"{path}.new" if self.local else path

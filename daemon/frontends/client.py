@@ -39,11 +39,9 @@ STOP_ANSWER_S = 2.0
 """How long a stop may have neither an answer nor a sign that the daemon waits for the controller. After that the client
 sends the operator to the emergency stop. The daemon itself reports when the controller does not confirm in time."""
 ALIVE_S = 0.5
-"""How long after STOP_ANSWER_S a daemon may take to answer anything at all. One that answers nothing hangs: the client
-gives up."""
+"""How long after STOP_ANSWER_S a daemon may take to answer anything; one that answers nothing hangs."""
 LATE_ANSWER_S = 5.0
-"""How long after STOP_ANSWER_S the client waits for a daemon that does not hang: it answers a stop within 4 s and gives
-the reason."""
+"""How long after STOP_ANSWER_S the client waits for a daemon that does not hang: it answers within 4 s."""
 MOST_FILES = 200
 """The most file names offered as completions."""
 CONNECT_S = 2.0
@@ -310,8 +308,7 @@ def _words(text: str) -> list[str]:
 
 @contextlib.contextmanager
 def despite_full_disk() -> Iterator[None]:
-    """Ignore a full disk behind standard output: the work goes on, above all a stop. The error is reported at exit,
-    when the buffered output is flushed."""
+    """Ignore a full disk behind standard output: a stop goes on, and flushing at exit reports the error."""
     try:
         yield
     except BrokenPipeError:

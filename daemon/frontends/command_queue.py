@@ -58,16 +58,14 @@ class CommandQueue:
         """_input_ended: the operator still receives but sends nothing more."""
         self._running = ""
         self._waiting: deque[tuple[str, Answered, int, Block]] = deque()
-        """Commands typed ahead. Each with the number of stops at that time (a later stop, at any frontend, voids it),
-        and its block."""
+        """Commands typed ahead, each with the number of stops so far (a later stop voids it) and its block."""
         self._failed_block: Block = None
         """The block in which a line failed: the rest of its lines is dropped."""
         self._awaited_answer: asyncio.Future[str] | None = None
         self._question_text, self._read_s = "", -inf
         """The text of the open question, and the loop's time from which an answer counts."""
         self._withdrawn_before = False
-        """Whether the previous question was withdrawn because somebody else decided: an answer to it may still
-        arrive."""
+        """Whether somebody else decided the previous question: an answer to it may still arrive."""
         self._one_question = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -148,8 +146,7 @@ class CommandQueue:
         return True
 
     def leave(self) -> None:
-        """The operator disconnected: the running command goes on, those typed ahead are dropped, open questions get no
-        answer."""
+        """The operator disconnected: the running command goes on, those typed ahead are dropped."""
         self.disconnected = True
         self._waiting.clear()
         self._withdraw_question()

@@ -146,8 +146,7 @@ class ConsolePrompt:
         # Otherwise Enter waits up to 1 s for the terminal to report its cursor: a stop must not wait.
         self._session.app.renderer.cpr_support = CPR_Support.NOT_SUPPORTED
         self._answering: tuple[int, str] | None = None
-        """The question that was open when Enter was pressed: the line does not answer a question that came a moment
-        later."""
+        """The question that was open when Enter was pressed: the line answers no later one."""
         buffer = self._session.default_buffer
         accept = buffer.accept_handler
         assert accept is not None
@@ -180,8 +179,7 @@ class ConsolePrompt:
             self._disconnected()
 
     def _receiving_ended(self, receiving: asyncio.Task[None]) -> None:
-        """End the prompt with the error that ended the receiving task: a prompt that receives nothing must not go
-        on."""
+        """End the prompt with the error that ended the receiving task."""
         if not receiving.cancelled() and (error := receiving.exception()) is not None:
             self._session.app.exit(exception=error)
 
@@ -239,8 +237,7 @@ class ConsolePrompt:
             )
 
     def _handle_unended_pastes(self) -> None:
-        """Handle a paste whose end mark was lost: prompt_toolkit would take all later input, control-C and a stop too,
-        for more of the paste."""
+        """End a paste whose end mark was lost: prompt_toolkit would take a control-C for more of it."""
         parser: Any = getattr(self._session.input, "vt100_parser", None)
         if parser is None:
             return
@@ -274,8 +271,7 @@ class ConsolePrompt:
         return asyncio.get_running_loop().call_later(client.STOP_ANSWER_S, self._emergency, client.UNANSWERED)
 
     def _restart_clocks(self) -> None:
-        """Restart the time limits of all stops: the daemon answers and waits for the controller. It reports by itself
-        when that takes too long."""
+        """Restart the time limits of all stops: the daemon answers, and waits for the controller."""
         for clock in (*self._stops, *self._stop_words.values()):
             clock.cancel()
         self._stops = deque(self._clock() for _ in self._stops)

@@ -82,8 +82,7 @@ class LineEditor:
         return typed
 
     def show_prompt(self) -> bytes:
-        """Draw the prompt and the typed line in a row of its own; of a longer line the part around the cursor, with
-        marks."""
+        """Draw the prompt and the typed line in one row; of a longer line the part around the cursor."""
         room = self._scrolled()
         shown = list(self._text[self._first : self._first + room])
         if self._first:
@@ -155,8 +154,7 @@ class LineEditor:
         return self._escapes[body]() if body in self._escapes else BELL
 
     def _sized(self, rows: int, columns: int) -> None:
-        """Take over the terminal's size. One that cannot move to its last corner answers something else, and counts as
-        a VT100."""
+        """Take over the terminal's size; an impossible one (it cannot move to its last corner) is ignored."""
         if rows >= LOWEST and columns >= NARROWEST:
             self.rows, self.columns = rows, columns
 

@@ -150,8 +150,7 @@ class SocketServer:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _take_over(self) -> None:
-        """Remove the socket of a daemon that died. Raises FrontendError where one is alive, or the file is no
-        socket."""
+        """Remove the socket of a dead daemon. Raises FrontendError where one lives, or the file is no socket."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
             probe.setblocking(False)  # a hanging daemon accepts no connection, but is alive
             try:
@@ -194,8 +193,7 @@ class SocketServer:
         return len(self._operators) >= MOST_TOGETHER or Counter(self._operators.values())[peer.user] >= MOST_EACH
 
     def _drop_oldest(self, newest: asyncio.Task[None]) -> None:
-        """Make room for a connection that may stop: close the oldest of those that wait. A client that came to stop
-        says so at once."""
+        """Close the oldest of the connections that wait: a client that came to stop sends that at once."""
         for oldest in list(self._to_stop)[: len(self._to_stop) - MOST_TO_STOP + 1]:
             del self._to_stop[oldest]
             oldest.cancel()

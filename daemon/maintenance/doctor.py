@@ -200,8 +200,7 @@ def _holders(path: str) -> list[str]:
 
 
 def _daemon_may_write(folder: Path) -> bool:
-    """Whether the present user may write there, or the folder belongs to the service's user: an operator may only read
-    it."""
+    """Whether the present user may write there, or it is the service's folder, which an operator only reads."""
     if os.access(folder, os.W_OK):
         return True
     try:

@@ -1,5 +1,4 @@
-"""Write to systemd's journal and notify systemd (sd_notify); without systemd, or without its library, lines on
-stderr."""
+"""Write to systemd's journal and notify systemd (sd_notify); without systemd, write lines to stderr."""
 
 import contextlib
 import os

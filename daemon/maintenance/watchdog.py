@@ -91,8 +91,7 @@ class Watchdog:
         self._feed(now, busy)
 
     def _may_check(self, device: str, busy: bool, silence_s: float) -> bool:
-        """Whether to check a device: always when idle; during a pick only after a silence (the pick waits for an
-        operator's yes, for the end of a pause, for parts)."""
+        """Whether to check a device: always when idle, during a pick only after a silence."""
         hardware = self._context.hardware
         heard_s = (hardware.cameras if device == "cameras" else hardware.robot).heard_s
         return not busy or (heard_s is not None and hardware.clock() - heard_s > silence_s)

@@ -64,8 +64,7 @@ def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
 
 
 def _home(folder: Path) -> Path:
-    """Return where a page goes unless --out names it: into the folder itself; where only the daemon may write there,
-    into the current folder."""
+    """Folder of a page without --out: the given one, or the current one where only the daemon may write there."""
     return folder if os.access(folder, os.W_OK) else Path()
 
 

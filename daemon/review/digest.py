@@ -49,8 +49,7 @@ class LookStep:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One pick: its records from cycle_start to cycle_end. end None: the run ended before it; in_use: the files in use
-    at its start."""
+    """One pick, cycle_start to cycle_end. end None: the run ended before; in_use: the files in use at its start."""
 
     number: int
     records: tuple[Record, ...]
@@ -173,8 +172,7 @@ class Digest:
 
     @property
     def times_life(self) -> float:
-        """Speed of a simulated cell as a multiple of real time; 1 for a real one. Times at another speed are not
-        comparable: motion is faster, the computer is not."""
+        """Speed of a simulated cell as a multiple of real time: times at different speeds are not comparable."""
         return float((self.start or {}).get("times_life") or 1)
 
     @property
@@ -246,8 +244,7 @@ class Digest:
 
 
 def repeated_faults(records: Sequence[Record]) -> frozenset[int]:
-    """The faults, by seq, that repeat the active one: same cycle, same text, no `resume` in between, as after a second
-    `stop`."""
+    """The faults, by seq, that repeat the active one, as after a second `stop`: same cycle and text, no `resume`."""
     active: tuple[Any, Any] | None = None
     repeated = set[int]()
     for record in records:
@@ -262,8 +259,7 @@ def repeated_faults(records: Sequence[Record]) -> frozenset[int]:
 
 
 def in_use(records: Iterable[Record]) -> Iterator[tuple[Record, Kept]]:
-    """Yield each record with the files in use from it on. A reload or another calibration writes run_start again, in
-    the same run."""
+    """Yield each record with the files in use from it on: a reload writes run_start again, in the same run."""
     kept: Kept = {}
     for record in records:
         if record["kind"] == "run_start":

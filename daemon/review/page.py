@@ -29,8 +29,7 @@ PAGE_BYTES = 4_800_000
 """Largest size, bytes, of a page beside its program, so that it opens fast and can be sent. Failed cycles have their
 looks and images first, then the newest."""
 DETAIL_BYTES = 6_000_000
-"""Largest part of it, bytes, for what a page shows of cycles once they are opened, before it is compressed to about a
-fourth."""
+"""Largest part of it, bytes, for what a page shows of opened cycles, before it is compressed to about a fourth."""
 LINK_BYTES = 50
 """About what naming an image takes."""
 JPEG_QUALITY = 72
@@ -179,8 +178,7 @@ def embedded(jpeg: bytes) -> str:
 
 
 def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
-    """Return one entry each for config, calibration and model: both hashes, and the differing lines of the text
-    files."""
+    """Both hashes of config, calibration and model, and the lines in which the text files differ."""
     entries = []
     for name in ("config", "calibration"):
         files = [(d.start or {}).get(name) for d in (before, after)]

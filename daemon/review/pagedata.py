@@ -216,8 +216,7 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """Events besides the picks that people want to know, each once: kind, text, the record before it, and who cleared a
-    fault after how long."""
+    """Events besides the picks, each once, with the record before it, and who cleared a fault after how long."""
     found: list[Json] = []
     before, cycle, last = None, None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0

@@ -81,8 +81,7 @@ def remedies(done: Json) -> dict[str, str]:
 
 
 def _stops(run: Digest) -> Iterable[str]:
-    """The first cause of each failed cycle and of each fault between cycles, without the repetition of a fault that
-    ended a cycle."""
+    """The first cause of each failed cycle, and of each fault between cycles that repeats none of these."""
     ended = set[tuple[Any, str]]()
     for cycle in run.cycles:
         others = [c for c in run.cycles if c is not cycle]

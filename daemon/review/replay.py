@@ -63,8 +63,7 @@ class ReplayInputs:
 
 @dataclass(frozen=True, eq=False)
 class ReplayedLook:
-    """One replayed look: its record, today's scene (scene_json), the differences. identical: to the last digit; for a
-    look that only followed a part: no difference found."""
+    """A replayed look. now: today's scene; identical: to the last digit, or, where it only followed a part, no change."""
 
     record: Record
     now: Json

@@ -1,5 +1,4 @@
-"""Parts set down at their places: looks before and after, deviation seen; the last status of every place; figures by
-place over one run or many. Pure."""
+"""Parts set down at their places: looks, deviation seen, last status of each place, figures. Pure."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass

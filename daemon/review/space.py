@@ -146,8 +146,7 @@ def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedA
 
 
 def space_of(arm: RecordedArm | None, joints: Array, way: list[list[float]]) -> Json:
-    """Return what is the same at every moment, and the arm's capsules at joints (N, 6) rad: radius_mm (C,), ends (N, C,
-    2, 3)."""
+    """What is the same at every moment, and the arm's capsules at joints (N, 6) rad."""
     return {
         "way": way,
         "arm": _bodies(arm, joints),

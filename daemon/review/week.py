@@ -26,8 +26,7 @@ Json = dict[str, Any]
 
 
 def write_week(runs: Path, last: Path, out: Path) -> Path:
-    """Write the page of the week that ends with the run `last`, and the page of each of its runs that has none or an
-    old one; returns out. Raises RunError, OSError."""
+    """Write the page of the week that ends with `last`, and the pages of its runs. Raises RunError, OSError."""
     end = run_time(last.name)
     if end is None:
         raise RunError(f"{last}: the name of the run is not a time; --week needs one such as 20260101T120000Z")

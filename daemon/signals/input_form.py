@@ -46,8 +46,7 @@ class InputForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def form_found(printed: Mapping[str, Sequence[str | None]]) -> InputForm | None:
-    """The first form whose answers follow the input: off, on, off. printed: these three answers by form, None where the
-    controller refused the command."""
+    """The first form whose answers follow the input. printed: answers for off, on, off by form, None if refused."""
     for form, (off, on, again) in printed.items():
         if off and on and off == again and on != off:
             return InputForm(form, off, on)

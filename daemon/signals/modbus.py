@@ -136,8 +136,7 @@ class ModbusServer:
             writer.close()
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Answer requests until the client disconnects, or sends no complete one in time. Raises TimeoutError,
-        OSError."""
+        """Answer requests until the client disconnects. Raises TimeoutError where none comes in time, OSError."""
         framer, waiting = self._framer(), b""
         while True:
             async with asyncio.timeout(self._silence_s):

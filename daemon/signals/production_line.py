@@ -140,8 +140,7 @@ class ProductionLine:
         return waited
 
     async def wanted(self, continues: Callable[[], bool]) -> bool:
-        """Wait until the line wants a part: it permits a pick, a part is ready, and its start signal has come again.
-        False where goes_on ends that."""
+        """Wait until the line wants a part; False where `continues` ends that."""
         roles = [role for role in ("permit_pick", "part_present", "cycle_start") if role in self._by_role]
         self.waits_to_begin = True
         try:
@@ -159,8 +158,7 @@ class ProductionLine:
             self.waits_for, self.waits_to_begin = None, False
 
     async def part_held(self) -> bool | None:
-        """What the gripper's sensor reports; None without one. Raises SignalError, and the errors of the controller's
-        line."""
+        """What the gripper's sensor reports; None without one. Raises as `read`."""
         name = self._by_role.get("part_held")
         return None if name is None else await self.read(name)
 
@@ -228,8 +226,7 @@ class ProductionLine:
                 await self.switch(changed)
 
     async def switch(self, on_by_name: Mapping[str, bool]) -> None:
-        """Switch outputs. Raises the errors of the controller's line; the levels are then unknown, and set again
-        later."""
+        """Switch outputs. Raises the errors of the controller's line; the levels are then unknown."""
         await self._set_levels(on_by_name, self._io.set_outputs)
 
     async def _set_levels(

@@ -43,8 +43,7 @@ class Calibrations:
 
     @property
     def passed_over(self) -> int | None:
-        """The number of the calibration that is no longer used because the configured file has changed. Raises
-        FileError."""
+        """The calibration no longer used because the configured file has changed. Raises FileError."""
         state = self._state()
         return state.current if state.current and state.instead_of != self._digest() else None
 

@@ -42,8 +42,7 @@ class LineFile(OpenFile):
     """An append-only file of whole lines: a line of which only a part was written is removed again."""
 
     def __init__(self, path: Path) -> None:
-        """Create the file and lock it until it is closed (`being_written`). Raises OSError; FileExistsError where it
-        exists."""
+        """Create the file and lock it until it is closed. Raises OSError; FileExistsError where it exists."""
         super().__init__(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640))
         with contextlib.suppress(OSError):  # a file system without locks: readers take the file for complete
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -230,8 +229,7 @@ def failing_as(kind: type[FacetdError], what: str) -> Iterator[None]:
 
 
 LAST_NUMBER = 999_999_999
-"""Largest number of a version, view or calibration. A file with this number counts as not numbered: no number could
-follow it."""
+"""Largest number of a version, view or calibration; a file with it counts as not numbered: none could follow."""
 
 
 def number_of(name: str) -> int | None:
@@ -265,8 +263,7 @@ def hold(folder: Path) -> int:
 
 
 def plain(error: BaseException) -> str:
-    """Text of an error for people, on one line: an OSError as `file: what is wrong`, with the remedy for a full
-    disk."""
+    """Text of an error for people, on one line: of an OSError `file: what is wrong`, and the remedy for a full disk."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         remedy = "; free some space there" if error.errno in NO_ROOM else ""
         return f"{error.filename}: {error.strerror}{remedy}"

@@ -27,8 +27,7 @@ def config_file() -> Path:
 
 
 def own_folder() -> Path:
-    """State folder of a person's own simulated cell, apart from the real cell's: its models are not for the real
-    arm."""
+    """State folder of a person's own simulated cell: its models are not for the real arm."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "facetd"
 
 

@@ -13,8 +13,7 @@ LARGEST_BYTES = 4_000_000
 
 
 def read_json(path: Path, kind: type[T], mend: str) -> T | None:
-    """Read a file that facetd wrote; None where it does not exist. mend: what to do about an unreadable one. Raises
-    FileError."""
+    """Read a file; None where it does not exist. mend: what to do about an unreadable one. Raises FileError."""
     if not os.path.lexists(path):
         return None
     try:

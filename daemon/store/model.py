@@ -156,14 +156,12 @@ def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] |
 
 
 def load(path: Path) -> Model:
-    """Read a model. Raises FileError where the file cannot be read, ModelError where it is cut short, altered, foreign
-    or newer."""
+    """Read a model. Raises FileError; ModelError where it is cut short, altered, foreign or newer."""
     return load_file(path).model
 
 
 def load_file(path: Path, expected: str | None = None) -> ModelFile:
-    """Load a model as `load` does, with the rest of the file. expected: its sha256; ModelError where the file has been
-    replaced."""
+    """Load a model with the rest of the file. expected: its sha256, else ModelError. Raises as `load`."""
     content = read_file(path, LARGEST_FILE)
     try:
         file = replace(from_bytes(content), path=path)
@@ -302,8 +300,7 @@ def _model(header: _ModelHeader, arrays: Arrays) -> Model:
 
 
 def _named_by_rings(model: Model) -> Model:
-    """Rename the facets with arcs of a model of an earlier release, which named them by the longest arc alone, `arc90`;
-    learn its views again with these names."""
+    """Give the facets with arcs of an earlier release, named `arc90`, today's names; learn its views again."""
     measured = [view.solid for view in model.views if view.solid is not None]
     solids = [*measured, *(one.solid for one in model.metric.values())]
     if not any(EARLIER_ARC.fullmatch(one.types[arc.facet]) for one in solids for arc in one.arcs):

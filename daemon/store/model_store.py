@@ -154,8 +154,7 @@ class ModelStore:
         return len(chosen)
 
     def _highest_numbers(self) -> dict[str, int]:
-        """The highest number ever used for each label, removed views included. No later view gets it: models name the
-        views that they were trained on by number."""
+        """The highest number ever used for each label: models name their views by number, so none is used again."""
         try:
             return msgspec.json.decode(read_file(self._last_file, LARGEST_LAST), type=dict[str, int])
         except (FileError, *JSON_ERRORS):

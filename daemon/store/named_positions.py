@@ -37,8 +37,7 @@ class _PositionLine(msgspec.Struct):
 
 @dataclass(frozen=True, eq=False)
 class NamedPosition:
-    """A position: its name, when and by whom it was stored, world_from_tool (4, 4) mm; None where the name was
-    dropped."""
+    """A position, when and by whom it was stored; world_from_tool (4, 4) mm, None where the name was dropped."""
 
     name: str
     kept: str

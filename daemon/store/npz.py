@@ -37,8 +37,7 @@ def pack(arrays: Arrays) -> bytes:
 
 
 def unpack(content: bytes, most_bytes: int) -> Arrays:
-    """Decode an archive of at most most_bytes of arrays. Raises ArchiveError, also for object arrays (pickles), which
-    it never loads."""
+    """Decode an archive of at most most_bytes of arrays, never a pickle. Raises ArchiveError."""
     if not zipfile.is_zipfile(io.BytesIO(content)):
         raise ArchiveError("not an archive of arrays, or cut short")
     try:
@@ -53,8 +52,7 @@ def unpack(content: bytes, most_bytes: int) -> Arrays:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """Decode one member, without trust in the sizes that it declares: no more bytes, and no larger array, than
-    these."""
+    """Decode one member; one that is not of its declared size raises ArchiveError."""
     with archive.open(member) as file:
         content = file.read(member.file_size + 1)
     if len(content) != member.file_size:

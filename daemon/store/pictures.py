@@ -30,8 +30,7 @@ LARGEST_BYTES = 50_000_000
 MAX_PIXELS = 20_000_000
 """Largest decoded image; a file of 1 MB can declare a thousand million pixels."""
 MAX_SCANS = 100
-"""Largest number of scans of a JPEG: each costs a pass over all pixels, of as few as thirty bytes; progressive files
-have ten."""
+"""Largest number of scans of a JPEG: each, of as few as thirty bytes, costs a pass over all pixels; usual are ten."""
 
 
 class PictureError(FileError):

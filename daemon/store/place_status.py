@@ -179,8 +179,7 @@ class PlaceStatuses:
         return _state_of(state)
 
     def forget(self, names: set[str]) -> None:
-        """Remove places that are no longer in the file of places; a part that may lie there is stored as left. Raises
-        FileError."""
+        """Remove places that are no longer in the file of places; what may lie there is left. Raises FileError."""
         file = self._file()
         dropped = [state for name, state in file.places.items() if name in names]
         self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *dropped])

@@ -59,8 +59,7 @@ class RecoverySlot(msgspec.Struct):
 
 
 def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> RecoveryState:
-    """The recovery state after a record of the run log. A doubt from an earlier daemon (`left`) stays until an
-    operator's `resume`."""
+    """The recovery state after a record of the run log. Only `resume` ends a doubt of an earlier daemon (`left`)."""
     change: dict[str, Any] = {}
     match kind:
         case "left":

@@ -115,8 +115,7 @@ class RunLog:
             self._put(self._run.wire, content, threading.Event())
 
     def keep(self, path: Path) -> str:
-        """Copy a file into kept/ by the hash of its content; returns kept/<sha256><suffix>. Raises FileError,
-        OSError."""
+        """Copy a file into kept/; returns kept/<sha256><suffix>. Raises FileError, OSError."""
         content = read_file(path, LARGEST_KEPT)
         name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
         target = self.folder / name
@@ -125,8 +124,7 @@ class RunLog:
         return name
 
     def roll(self, folder: Path) -> None:
-        """End this run and continue in a new folder; the caller records its run_start. Raises OSError, nothing
-        changed."""
+        """Continue in a new folder; the caller records its run_start. Raises OSError, with nothing changed."""
         fresh = _Run(folder)
         self.record("run_end", why=f"continues in {folder.name}")
         with self._lock:

@@ -24,8 +24,7 @@ from daemon.store.runlog import LARGEST_KEPT
 
 RUN = "run.jsonl"
 LARGEST_RUN = 256_000_000
-"""Bytes read of one run.jsonl. The daemon starts a new run folder long before (log.roll_mb, which counts pictures
-too)."""
+"""Bytes read of one run.jsonl. The daemon starts a new run folder long before (log.roll_mb)."""
 MAX_RUNS = 5_000
 """Largest number of runs kept, however small: each one is scanned at every start and every minute."""
 RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
@@ -64,8 +63,7 @@ def list_runs(runs: Path) -> list[Path]:
 
 
 def find_run(runs: Path, name: str) -> Path:
-    """Find a run by `latest`, by its name in `runs`, or by a path (`.` included). `latest` prefers folders that have
-    the name of a run. Raises RunError."""
+    """Find a run by `latest`, by its name in `runs`, or by a path. Raises RunError."""
     if name == "latest":
         found = list_runs(runs)
         if not found:

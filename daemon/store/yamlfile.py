@@ -176,8 +176,7 @@ def _fields_of(kind: type[Any]) -> Mapping[str, Any]:
 
 
 def kinds_of(kind: Any) -> dict[str, type]:
-    """The structures of a section that may be of several kinds, by the word under its key `kind`, the one first that it
-    is of where the key is absent; empty for any other section."""
+    """The structures of a section of several kinds, by the word under its key `kind`, the default first; else empty."""
     options = typing.get_args(kind) if typing.get_origin(kind) in UNIONS else ()
     tagged = [one for one in options if isinstance(one, type) and issubclass(one, msgspec.Struct)]
     return {str(one.__struct_config__.tag): one for one in tagged if one.__struct_config__.tag_field == KIND}
@@ -193,8 +192,7 @@ def _of_its_kind(kind: Any, data: Any) -> Any:
 
 
 def _without_empty_sections(data: Any, kind: Any) -> Any:
-    """Replace empty sections (every key commented out) by {}, so that they mean their defaults, and say which kind a
-    section is of that may be of several."""
+    """Replace empty sections (every key commented out) by {}, and add the default `kind` of a section of several."""
     if kinds := kinds_of(kind):
         if data is None or (isinstance(data, dict) and KIND not in data):
             data = {KIND: next(iter(kinds)), **(data or {})}
@@ -278,8 +276,7 @@ def _split(message: str) -> tuple[str, tuple[Key, ...]]:
 def _resolve_wildcards(
     keys: tuple[Key, ...], data: Any, problem: str, convert: Callable[[Any], object]
 ) -> tuple[Key, ...]:
-    """Find which key of a mapping failed, which msgspec does not report: convert one key at a time until the same
-    problem occurs."""
+    """Find which key of a mapping failed, which msgspec does not report: convert one at a time."""
     if "*" not in keys:
         return keys
     place = keys.index("*")
