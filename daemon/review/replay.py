@@ -63,7 +63,7 @@ class ReplayInputs:
 
 @dataclass(frozen=True, eq=False)
 class ReplayedLook:
-    """A replayed look. now: today's scene; identical: to the last digit, or, where it only followed a part, no change."""
+    """A replayed look. now: today's scene; identical: to the last digit, or, where it followed a part, no change."""
 
     record: Record
     now: Json
