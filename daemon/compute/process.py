@@ -93,11 +93,7 @@ def _portable(error: Exception) -> Exception:
 
 def give_way(daemon: int) -> None:
     """Lower the priority, limit the memory, ignore the daemon's signals, and end when the daemon ends."""
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-        signal.SIGHUP,
-    ):  # for the daemon only; the worker ends when its connection closes
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # these are for the daemon
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != daemon:

@@ -14,7 +14,7 @@ from daemon.dashboard.follow import RunFollower, follow_daemon
 from daemon.dashboard.state import DashboardState
 from daemon.errors import FacetdError
 from daemon.review.space import arm_of
-from daemon.store.folders import how_to_add
+from daemon.store.folders import how_to_add, needing
 
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0
@@ -39,10 +39,8 @@ SPACE_POLICY = CONTENT_POLICY.replace("script-src 'self'", "script-src 'self' 'u
 
 def serve(port: int, socket_path: Path | None) -> None:
     """Serve until control-C. Raises FacetdError without the libraries, or where the port is in use."""
-    try:
+    with needing("dashboard", "the dashboard"):
         import uvicorn
-    except ImportError:
-        raise FacetdError(f"needs an extra: {how_to_add('dashboard')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -55,15 +53,13 @@ def serve(port: int, socket_path: Path | None) -> None:
 
 def app(socket_path: Path | None) -> Any:
     """The dashboard as an ASGI application. Raises FacetdError without the libraries."""
-    try:
+    with needing("dashboard", "the dashboard"):
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
         from starlette.middleware.trustedhost import TrustedHostMiddleware
         from starlette.requests import Request
         from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
-    except ImportError:
-        raise FacetdError(f"needs an extra: {how_to_add('dashboard')}") from None
     now = DashboardState()
     run = RunFollower(now)
 

@@ -20,7 +20,7 @@ from daemon.review.failure_causes import causes, causes_of_record
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.set_downs import PartSetDown, set_downs_of
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -37,12 +37,10 @@ PROVEN = "picked"
 
 def arrow() -> tuple[Any, Any]:
     """pyarrow and pyarrow.parquet. Raises StoreError without the extra."""
-    try:
+    with needing("fleet", "tables of many cells", StoreError):
         import pyarrow as pa
         import pyarrow.compute
         import pyarrow.parquet as pq
-    except ImportError:
-        raise StoreError(f"the table of many cells needs pyarrow: {how_to_add('fleet')}") from None
     return pa, pq
 
 

@@ -22,7 +22,7 @@ from daemon.fleet.views import opened
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import ReplayInputs, replayed_looks
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 from daemon.store.library import FACETS, load_facets
 from daemon.store.model import load
 from daemon.store.model_store import model_file
@@ -227,11 +227,9 @@ def _done(out: Store) -> set[str]:
 
 @contextmanager
 def _client(workers: int, cluster: str | None) -> Iterator[tuple[Any, Any]]:
-    try:
+    with needing("fleet", "a replay by many workers", StoreError):
         import dask
         import distributed as untyped
-    except ImportError:
-        raise StoreError(f"a replay by many workers needs dask.distributed: {how_to_add('fleet')}") from None
     distributed: Any = untyped
     settings = {"distributed.scheduler.allowed-failures": TRIES, "distributed.logging.distributed": "error"}
     with dask.config.set(settings), tempfile.TemporaryDirectory(prefix="facetd-dask-") as spare:

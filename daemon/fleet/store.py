@@ -17,7 +17,7 @@ from typing import IO, Any
 import msgspec
 
 from daemon.errors import FacetdError
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 from daemon.store.outside import JSON_ERRORS, PIECE, open_below
 
 
@@ -153,10 +153,8 @@ class Store:
 
 def open_store(where: str) -> Store:
     """Open a store: a folder, or an address that fsspec supports (s3://bucket/facetd). Raises StoreError."""
-    try:
+    with needing("fleet", "a store of many cells", StoreError):
         import fsspec
-    except ImportError:
-        raise StoreError(f"a store of many cells needs fsspec and pyarrow: {how_to_add('fleet')}") from None
     try:
         fs, root = fsspec.core.url_to_fs(where)
     except (ImportError, ValueError, OSError) as error:

@@ -7,7 +7,7 @@ from daemon.events.codes import EARLIER_SUMMARIES
 from daemon.fleet.layout import FILE
 from daemon.fleet.schema import TABLES
 from daemon.fleet.store import Store, StoreError
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 
 SQL_KINDS = {
     "text": "VARCHAR", "integer": "BIGINT", "real": "FLOAT", "flag": "BOOLEAN", "time": "TIMESTAMPTZ", "day": "DATE",
@@ -37,10 +37,8 @@ counted as tried, and some causes had other names."""
 
 def opened(store: Store, months: Sequence[str] | None = None) -> Any:
     """Open DuckDB with a view for each table. months: only these (`2026-11`). Raises StoreError."""
-    try:
+    with needing("fleet", "questions to many cells", StoreError):
         import duckdb
-    except ImportError:
-        raise StoreError(f"questions to many cells need duckdb: {how_to_add('fleet')}") from None
     connection = duckdb.connect()
     connection.execute("SET TimeZone = 'UTC'")
     if not store.local:

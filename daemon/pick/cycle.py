@@ -393,7 +393,7 @@ class PickCycle:
     async def _work_gripper(self, closed: bool, hand_s: float) -> None:
         """Operate the gripper: by digital outputs if the mounted cup's valves are wired to them, else by the hand
         valves."""
-        if self.settings.gripper.by_vacuum and self.production_line.valves_at_outputs:
+        if self.settings.gripper.by_vacuum and self.production_line.has("vacuum"):
             await self.production_line.work_cup(closed, hand_s)
         else:
             await self.supervisor.mover.operate_hand_valves(closed, hand_s)

@@ -5,7 +5,6 @@ Needs the extra `plots`.
 
 from collections.abc import Sequence
 from importlib import resources
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from daemon.review.digest import Cycle, Digest
 from daemon.review.page import read_digest, render
 from daemon.review.space import arm_of, is_arrival, joints_over, moments_of, seconds_after, space_of, way_of
 from daemon.store.files import write_atomically
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 from daemon.store.runs import RunError
 
 Json = dict[str, Any]
@@ -27,10 +26,8 @@ def write_cycle_page(folder: Path, number: int, out: Path) -> Path:
 
     Raises RunError without that cycle or without the extra, OSError where the page cannot be written.
     """
-    if find_spec("plotly") is None:
-        raise RunError(f"the page of a cycle needs the library plotly: {how_to_add('plots')}")
-    from plotly.offline import get_plotlyjs
-
+    with needing("plots", "the page of a cycle", RunError):
+        from plotly.offline import get_plotlyjs
     run = read_digest(folder)
     cycle = next((c for c in run.cycles if c.number == number), None)
     if cycle is None:

@@ -13,10 +13,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.errors import FacetdError
 from daemon.events.records import Record
 from daemon.review.digest import Digest, parts_of, residual_mm
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 from daemon.store.outside import FileError, read_below
 from daemon.store.pictures import LARGEST_BYTES
 
@@ -39,10 +38,8 @@ def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
 
     Raises FacetdError without mcap, OSError.
     """
-    try:
+    with needing("export", "MCAP"):
         from mcap.writer import Writer
-    except ImportError:
-        raise FacetdError(f"MCAP needs the library mcap: {how_to_add('export')}") from None
     with out.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="facetd")

@@ -10,8 +10,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.errors import FacetdError
-from daemon.store.files import failing_as, write_atomically
-from daemon.store.json_file import read_json
+from daemon.store.json_file import read_json, write_json
 from daemon.store.outside import FileError
 
 FILE = "signal-reading.json"
@@ -64,5 +63,4 @@ def load_form(folder: Path) -> InputForm | None:
 
 def keep_form(folder: Path, form: InputForm) -> None:
     """Store the form. Raises FileError."""
-    with failing_as(FileError, f"{folder / FILE}: not stored"):
-        write_atomically(folder / FILE, msgspec.json.encode(form))
+    write_json(folder / FILE, form)

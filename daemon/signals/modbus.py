@@ -15,7 +15,7 @@ from typing import Any
 from daemon.errors import FacetdError
 from daemon.signals.packml import PackMLState
 from daemon.signals.settings import ModbusSettings
-from daemon.store.folders import how_to_add
+from daemon.store.folders import needing
 
 COILS = ("permit_pick", "permit_place", "cycle_start", "part_present", "reset")
 """Coil 0, 1, ...: what a PLC may set; only those in modbus.roles are accepted."""
@@ -88,14 +88,14 @@ class PLCInputs:
         self._on.clear()
 
 
-def handed_in(name: str = NAME, environment: Mapping[str, str] = os.environ) -> socket.socket | None:
-    """The listening socket of that name from systemd, not inherited by child processes; None without one."""
+def handed_in(environment: Mapping[str, str] = os.environ) -> socket.socket | None:
+    """The listening socket from systemd, not inherited by child processes; None without one."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return None
     names = environment.get("LISTEN_FDNAMES", "").split(":")
     count = int(environment.get("LISTEN_FDS", "0"))
     for number, given in enumerate(names[:count], start=FIRST_FD):
-        if given == name:
+        if given == NAME:
             os.set_inheritable(number, False)
             return socket.socket(fileno=number)
     return None
@@ -108,10 +108,8 @@ class ModbusServer:
         self, listener: socket.socket, settings: ModbusSettings, plc: PLCInputs, reads: Callable[[], PLCReadings]
     ) -> None:
         """Raises ModbusError without the extra."""
-        try:
+        with needing("modbus", "modbus", ModbusError):
             from pymodbus import framer, pdu
-        except ImportError:
-            raise ModbusError(f"modbus: needs an extra: {how_to_add('modbus')}") from None
         self._framer: Callable[[], Any] = lambda: framer.FramerSocket(pdu.DecodePDU(True))
         self._listener, self._silence_s, self._plc, self._reads = listener, settings.silence_s, plc, reads
         self._listener.setblocking(False)

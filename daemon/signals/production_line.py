@@ -162,11 +162,6 @@ class ProductionLine:
         name = self._by_role.get("part_held")
         return None if name is None else await self.read(name)
 
-    @property
-    def valves_at_outputs(self) -> bool:
-        """Whether outputs switch the valves of a suction cup."""
-        return self.has("vacuum")
-
     async def work_cup(self, closed: bool, works_s: float) -> None:
         """Switch the vacuum on and wait; or switch it off, blow off for works_s. If the wait is cancelled, `watch`
         switches the blow-off off and the vacuum stays. Raises the errors of the controller's line; the levels are then

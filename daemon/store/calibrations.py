@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.store.files import failing_as, number_of, write_atomically
-from daemon.store.json_file import read_json
+from daemon.store.json_file import read_json, write_json
 from daemon.store.outside import FileError, read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 
@@ -85,9 +85,7 @@ class Calibrations:
 
     def use(self, number: int) -> None:
         """Take a stored calibration, or the configured file, into use. Raises FileError."""
-        path = self.folder / "state.json"
-        with failing_as(FileError, f"{path}: not written"):
-            write_atomically(path, msgspec.json.encode(_CalibrationState(number, self._digest() if number else "")))
+        write_json(self.folder / "state.json", _CalibrationState(number, self._digest() if number else ""))
 
     def _state(self) -> _CalibrationState:
         mend = "remove it, and `calibrate use N`"

@@ -1,8 +1,12 @@
 """Default paths of configuration, state, runs and socket, and the environment variables that override them."""
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+
+from daemon.errors import FacetdError
 
 HOUSE = Path(__file__).resolve().parents[2]
 """The checkout or release; for an installed wheel, the site-packages folder."""
@@ -105,3 +109,12 @@ def how_to_add(extra: str) -> str:
     if Path(sys.prefix) == INSTALLED_PROGRAM:
         return f"sudo apt install ./facetd-{extra}_*.deb"
     return f"{sys.executable} -m pip install 'facetd[{extra}]'"
+
+
+@contextlib.contextmanager
+def needing(extra: str, what: str, kind: type[FacetdError] = FacetdError) -> Iterator[None]:
+    """Import libraries of an extra in this context: a missing one is an error for people, with how to add it."""
+    try:
+        yield
+    except ImportError:
+        raise kind(f"{what}: needs an extra: {how_to_add(extra)}") from None

@@ -1,4 +1,4 @@
-"""Read small JSON files in the state folder, each one structure. files.py's write_atomically writes them."""
+"""Read and write small JSON files in the state folder, each one structure."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import msgspec
 
+from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import JSON_ERRORS, FileError, read_file
 
 T = TypeVar("T")
@@ -22,3 +23,9 @@ def read_json(path: Path, kind: type[T], mend: str) -> T | None:
         raise FileError(f"{error}; {mend}") from None
     except JSON_ERRORS as error:
         raise FileError(f"{path}: cannot be read: {error}; {mend}") from None
+
+
+def write_json(path: Path, value: msgspec.Struct) -> None:
+    """Write a file that read_json reads. Raises FileError: then the old file is in place."""
+    with failing_as(FileError, f"{path}: not written"):
+        write_atomically(path, msgspec.json.encode(value))

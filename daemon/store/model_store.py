@@ -30,7 +30,7 @@ from daemon.quantities import WHOLE, whole
 from daemon.store import folders
 from daemon.store import model as files
 from daemon.store.files import failing_as, number_of, plain, write_atomically
-from daemon.store.json_file import read_json
+from daemon.store.json_file import read_json, write_json
 from daemon.store.outside import JSON_ERRORS, FileError, read_below, read_file
 from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
@@ -64,7 +64,13 @@ class StoredView:
 
     def images(self) -> tuple[Image, Image]:
         """Left and right, (H, W) grey, of a view that is not a drawing. Raises FileError."""
-        return _read_image(self.folder, "left.png"), _read_image(self.folder, "right.png")
+        return self._image("left.png"), self._image("right.png")
+
+    def _image(self, name: str) -> Image:
+        try:
+            return read_grey(Path(name), self.folder)
+        except PictureError:
+            raise FileError(f"{self.folder / name}: not an image; `forget` this view and teach it again") from None
 
 
 @dataclass(frozen=True)
@@ -277,9 +283,7 @@ class ModelStore:
         return read_json(self.folder / "models" / "state.json", _ModelState, mend) or _ModelState()
 
     def _write(self, state: _ModelState) -> None:
-        path = self.folder / "models" / "state.json"
-        with failing_as(FileError, f"{path}: not written"):
-            write_atomically(path, msgspec.json.encode(state))
+        write_json(self.folder / "models" / "state.json", state)
 
 
 def model_file(named: Path) -> Path:
@@ -324,10 +328,3 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink()
-
-
-def _read_image(folder: Path, name: str) -> Image:
-    try:
-        return read_grey(Path(name), folder)
-    except PictureError:
-        raise FileError(f"{folder / name}: not an image; `forget` this view and teach it again") from None

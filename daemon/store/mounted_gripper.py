@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from daemon.store.files import failing_as, write_atomically
-from daemon.store.json_file import read_json
+from daemon.store.files import failing_as
+from daemon.store.json_file import read_json, write_json
 from daemon.store.outside import FileError
 
 FILE = "gripper.json"
@@ -31,8 +31,8 @@ def load_mounted(folder: Path) -> MountedGripper | None:
 def keep_mounted(folder: Path, mounted: MountedGripper | None) -> None:
     """Write it; None removes it. Raises FileError."""
     path = folder / FILE
-    with failing_as(FileError, f"{path}: not kept"):
-        if mounted is None:
-            path.unlink(missing_ok=True)
-        else:
-            write_atomically(path, msgspec.json.encode(mounted))
+    if mounted is not None:
+        write_json(path, mounted)
+        return
+    with failing_as(FileError, f"{path}: not removed"):
+        path.unlink(missing_ok=True)

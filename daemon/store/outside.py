@@ -42,11 +42,10 @@ def read_below(folder: Path, name: object, most_bytes: int) -> bytes:
 def open_file(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file, or a link to one, for reading. Raises FileError."""
     with _as_file_error(path):
-        if not stat.S_ISREG(os.stat(path).st_mode):  # before opening: opening alone affects some devices
-            raise FileError(f"{path}: cannot be read: not a regular file")
+        _check_regular(os.stat(path), path)
         handle = os.open(path, READ_ONLY)
     with os.fdopen(handle, "rb") as file:
-        _check_regular(file, path)
+        _check_regular(os.fstat(handle), path)
         yield file
 
 
@@ -64,13 +63,12 @@ def open_below(folder: Path, name: object) -> Iterator[BinaryIO]:
                 below = os.open(part, os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=here)
                 os.close(here)
                 here = below
-            if not stat.S_ISREG(os.stat(parts[-1], dir_fd=here, follow_symlinks=False).st_mode):
-                raise FileError(f"{path}: cannot be read: not a regular file")
+            _check_regular(os.stat(parts[-1], dir_fd=here, follow_symlinks=False), path)
             handle = os.open(parts[-1], READ_ONLY | os.O_NOFOLLOW, dir_fd=here)
         finally:
             os.close(here)
     with os.fdopen(handle, "rb") as file:
-        _check_regular(file, path)
+        _check_regular(os.fstat(handle), path)
         yield file
 
 
@@ -83,8 +81,9 @@ def open_to_append(path: str, flags: int) -> int:
     return handle
 
 
-def _check_regular(file: BinaryIO, path: Path) -> None:
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+def _check_regular(status: os.stat_result, path: Path) -> None:
+    """Check before opening, as opening alone affects some devices, and after. Raises FileError."""
+    if not stat.S_ISREG(status.st_mode):
         raise FileError(f"{path}: cannot be read: not a regular file")
 
 

@@ -23,8 +23,7 @@ from msgspec import Meta
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.store.files import failing_as, write_atomically
-from daemon.store.json_file import read_json
+from daemon.store.json_file import read_json, write_json
 from daemon.store.outside import FileError
 
 FILE = "place-status.json"
@@ -198,8 +197,7 @@ class PlaceStatuses:
     def _write(self, places: dict[str, _State], leftovers: list[_State]) -> None:
         kept = [each for each in leftovers if each.status not in FILLABLE and each.spot is not None][-MAX_LEFTOVERS:]
         file = _StatusFile(2, places, tuple(kept))
-        with failing_as(FileError, f"{self.path}: not kept"):
-            write_atomically(self.path, msgspec.json.encode(file))
+        write_json(self.path, file)
         self._kept, self._states = file, None
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import daemon.review.cycle_page as cycle_page
 from daemon import frames
 from daemon.arm.collision_shapes import ARM as CAPSULES
 from daemon.config import ArmSettings
@@ -123,7 +123,7 @@ def test_a_cycle_that_is_not_there_is_named_with_those_that_are(run: Path, tmp_p
 def test_without_the_extra_a_line_says_how_to_add_it(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cycle_page, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
     with pytest.raises(RunError, match="plots"):
         write_cycle_page(run, 1, tmp_path / "page.html")
 

@@ -241,7 +241,8 @@ def test_why_the_state_is_not_written_is_said_in_the_systems_words_where_it_has_
         raise OSError(*words)
 
     model_store.put_candidate(model)
-    monkeypatch.setattr("daemon.store.model_store.write_atomically", failing)
+    for module in ("model_store", "json_file"):
+        monkeypatch.setattr(f"daemon.store.{module}.write_atomically", failing)
     with pytest.raises(FileError, match=rf"state\.json: not written: {words[-1]}$"):
         model_store.accept(model_store.candidate)
     with pytest.raises(FileError, match=rf"cube: the view is not stored: {words[-1]}$"):

@@ -66,8 +66,8 @@ def test_a_disk_that_does_not_take_it_leaves_what_was(tmp_path: Path, monkeypatc
     def full(path: Path, content: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(place_status, "write_atomically", full)
-    with pytest.raises(FileError, match=r"place-status\.json: not kept: No space left"):
+    monkeypatch.setattr("daemon.store.json_file.write_atomically", full)
+    with pytest.raises(FileError, match=r"place-status\.json: not written: No space left"):
         statuses.put("nest", PlaceStatus.SET)
     assert statuses.of("nest").status is PlaceStatus.CLAIMED
 
