@@ -20,7 +20,6 @@ HAND_EYE_MM = 0.5
 TABLE_MM = 4.0
 """Largest error of the table's height in pick.limits: less than the fingertips' clearance."""
 TEACHING_TRIES, PICKING_TRIES = 6, 3
-"""Parts of what the daemon and the controller report after a power-up; the controller's letters may be of any case."""
 PLACES = re.compile(r"home|bin|survey\d*")
 """The positions of facetd.yaml."""
 
@@ -116,8 +115,7 @@ class CommissioningSession:
 
     def fault_of(self, text: str) -> str | None:
         """The active fault, where it is the one that this result reported; None after a stop since."""
-        fault = self.fault
-        return fault if fault == text else None
+        return text if self.fault == text else None
 
     @property
     def simulated(self) -> bool:
@@ -191,6 +189,11 @@ def go_to_survey(talk: CommissioningSession) -> None:
         raise NotProvenError(there["text"])
 
 
+def _go_to_board(talk: CommissioningSession, next_move: str = "The arm moves next.") -> None:
+    talk.need(f"Is the board still on the table? {next_move}")
+    go_to_survey(talk)
+
+
 def _light(talk: CommissioningSession) -> str:
     talk.need("Are board or parts on the table, in the usual light? The arm moves for the first time, step by step.")
     if talk.simulated:
@@ -224,8 +227,7 @@ def _stereo(talk: CommissioningSession) -> str:
 def _hand_eye(talk: CommissioningSession) -> str:
     found = talk.hand_eye
     if found is None or _doubtful(found):
-        talk.need("Is the board still on the table? The arm moves next.")
-        go_to_survey(talk)
+        _go_to_board(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
     result = f"standard deviation {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
     result += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
@@ -239,8 +241,7 @@ def _doubtful(found: dict[str, Any]) -> bool:
 
 
 def _verify(talk: CommissioningSession) -> str:
-    talk.need("Is the board still on the table? The arm moves next.")
-    go_to_survey(talk)
+    _go_to_board(talk)
     found = talk.do(f"calibrate verify {talk.order.calibrate}")
     return (
         f"{found['poses']} poses: lengths {found['length_mm']:.2f} mm off, a corner {found['spread_mm']:.2f} mm apart"
@@ -248,8 +249,7 @@ def _verify(talk: CommissioningSession) -> str:
 
 
 def _table(talk: CommissioningSession) -> str:
-    talk.need("Is the board still on the table? The finger tips move above its first corner next.")
-    go_to_survey(talk)
+    _go_to_board(talk, "The finger tips move above its first corner next.")
     found = talk.do(f"calibrate touch {talk.order.calibrate}")
     low, high = (z - talk.order.board_mm for z in found["board_z_mm"])
     result = f"the table is at z {low:.1f} to {high:.1f} mm, pick.limits.table_z_mm is {found['table_z_mm']:g}"

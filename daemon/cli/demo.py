@@ -287,7 +287,7 @@ def _clear(
         if not left or _faulted(ends):
             break
         _do(link, f"auto on {left}")
-        ended, true = _follow_auto(records)
+        ended, true = _follow_auto(records, [])
         ends, truths = ends + ended, truths | true
     tried = [end for end in ends if end["outcome"] in (*brought, "missed", "fault") and end["predicted"]]
     unknown = {"error_mm": None, "error_deg": None, "held": False}
@@ -319,23 +319,17 @@ def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo
         if not left:
             break
         _do(link, f"auto on {left}")
-        if _faulted(_follow_auto(_kept(records, seen))[0]):
+        if _faulted(_follow_auto(records, seen)[0]):
             break
     return demo_kit.kit_result(seen)
 
 
-def _kept(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
-    """The records as they come; each is kept in a list."""
-    for record in records:
-        seen.append(record)
-        yield record
-
-
-def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
-    """Print the picks of an auto until it ends; returns the ends, and the true errors by cycle."""
+def _follow_auto(records: Iterator[Record], seen: list[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
+    """Print the picks of an auto until it ends, and add its records to `seen`; returns the ends, and true errors by cycle."""
     ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
     for record in records:
+        seen.append(record)
         match record["kind"]:
             case "cycle_start":
                 began_s = record["mono_s"]
@@ -358,12 +352,12 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
     return ends, truths
 
 
-def _table(rows: list[dict[str, Any]], parts: int, brought: Sequence[str] = ("picked",)) -> int:
+def _table(rows: list[dict[str, Any]], parts: int, brought: Sequence[str]) -> int:
     """Print a table of the picks of so many parts; returns how many succeeded, as the simulated cell confirms."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
-        predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
-        error = _error(row["error_mm"], row["error_deg"])
+        predicted = demo_kit.error_text(row["predicted"]["mm"], row["predicted"]["deg"])
+        error = demo_kit.error_text(row["error_mm"], row["error_deg"])
         outcome = row["outcome"] if row["held"] or row["outcome"] not in brought else "WRONG"
         say(f"{row['label'] or 'none':18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
     done = [row["outcome"] for row in rows if row["outcome"] in brought and row["held"]]
@@ -371,8 +365,3 @@ def _table(rows: list[dict[str, Any]], parts: int, brought: Sequence[str] = ("pi
     rest = f", {len(done) - picked} released and not confirmed by a look" if len(done) > picked else ""
     say(f"{picked} of {parts} parts picked{rest}")
     return len(done)
-
-
-def _error(mm: float | None, deg: float | None) -> str:
-    """An error as text; None: the pick ended before it was measured."""
-    return "-" if mm is None or deg is None else f"{mm:.2f} mm {deg:.2f} deg"

@@ -21,8 +21,7 @@ WALLS = (((-100.0, -3.0, 0.0), (100.0, 3.0, 12.0)), ((-3.0, -100.0, 0.0), (3.0, 
 
 @dataclass(frozen=True)
 class Nest:
-    """Where one part belongs. point_mm, heading_deg: of its lower side, on the plate; the longest edge of that side
-    lies along the heading."""
+    """Where one part belongs: middle of its lower side on the plate, and direction of that side's longest edge."""
 
     part: str
     point_mm: tuple[float, float]
@@ -49,21 +48,15 @@ NESTS = (
 CORNERS_DOWN = 4
 
 
-def fixture_boxes() -> list[dict[str, list[float]]]:
-    """The plate's walls as boxes in the world, for the simulated cell's truth."""
-    return [
-        {
-            "low_mm": [at + each for at, each in zip(PLATE_MM, low, strict=True)],
-            "high_mm": [at + each for at, each in zip(PLATE_MM, high, strict=True)],
-        }
-        for low, high in WALLS
-    ]
-
-
 def write_truth(cell: Path, out: Path) -> None:
-    """Write the truth of a simulated cell with the plate on its table. Raises OSError."""
+    """Write the truth of a simulated cell with the plate on its table: its walls, in the world. Raises OSError."""
+
+    def in_world(corner: tuple[float, float, float]) -> list[float]:
+        return [at + each for at, each in zip(PLATE_MM, corner, strict=True)]
+
     truth = yaml.safe_load(cell.read_text(encoding="utf-8"))
-    out.write_text(yaml.safe_dump({**truth, "fixture": fixture_boxes()}), encoding="utf-8")
+    walls = [{"low_mm": in_world(low), "high_mm": in_world(high)} for low, high in WALLS]
+    out.write_text(yaml.safe_dump({**truth, "fixture": walls}), encoding="utf-8")
 
 
 def places_yaml(edges_mm: Mapping[str, Sequence[Sequence[float]]]) -> str:
@@ -91,8 +84,7 @@ def _entry(nest: Nest, sides: Sequence[Sequence[float]]) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class KitResult:
-    """The result. seen: the last record of each place, by name; true_mm, true_deg: the true error of the part there, by
-    name of the place."""
+    """By place: seen, its last record; true_off, the true error (mm, degrees) of the part there."""
 
     seen: Mapping[str, Record]
     true_off: Mapping[str, tuple[float, float]]
@@ -108,11 +100,12 @@ class KitResult:
         rows = [f"{'part':18}{'nest':14}{'seen off by':>20}{'truly off by':>23}"]
         for nest in NESTS:
             record = self.seen.get(nest.name, {})
-            seen, true = (record.get("off_mm"), record.get("off_deg")), self.true_off.get(nest.name)
+            seen = error_text(record.get("off_mm"), record.get("off_deg"))
+            true = error_text(*self.true_off.get(nest.name, (None, None)))
             status = str(record.get("status", PlaceStatus.FREE))
-            rows.append(f"{nest.part:18}{status:14}{_off(seen):>20}{_off(true):>23}")
-        most = [max(errors) for errors in zip(*self.true_off.values(), strict=True)]
-        truth = f", truly off by at most {_off((most[0], most[1]))}" if most else ""
+            rows.append(f"{nest.part:18}{status:14}{seen:>20}{true:>23}")
+        most = map(max, zip(*self.true_off.values(), strict=True))
+        truth = f", truly off by at most {error_text(*most)}" if self.true_off else ""
         return [*rows, f"kit: {self.right} of {len(NESTS)} parts seen right in their nests{truth}"]
 
 
@@ -131,7 +124,6 @@ def kit_result(records: Sequence[Record]) -> KitResult:
     return KitResult(seen, true_off)
 
 
-def _off(off: tuple[float | None, float | None] | None) -> str:
-    if off is None or off[0] is None or off[1] is None:
-        return "-"
-    return f"{off[0]:.2f} mm {off[1]:.2f} deg"
+def error_text(mm: float | None, deg: float | None) -> str:
+    """An error as text; None: it was not measured."""
+    return "-" if mm is None or deg is None else f"{mm:.2f} mm {deg:.2f} deg"

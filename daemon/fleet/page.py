@@ -167,20 +167,18 @@ def _set_states(cells: Sequence[Json], last: date) -> None:
         if sum(cell["faults"].values()):
             most = [f"{count} × {name}" for name, count in cell["faults"].items()]
             findings.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
+        cell["weak"] = sorted(name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of)))
         findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_dark(cell)]
         cell["findings"] = [list(one) for one in findings]
-        cell["weak"] = sorted(name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of)))
         cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in findings)), "well")
 
 
 def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]) -> list[tuple[str, str]]:
-    own = [cell["picked"], cell["tried"]]
-    weak = [name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of))]
-    of_part = [(name, cell["parts"][name], _without(all_parts[name], cell["parts"][name])) for name in weak]
-    found = [
-        ("misses", f"{name}: {_percent(of)} picked, {_percent(others)} in other cells") for name, of, others in of_part
-    ]
-    if is_worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
+    own, found = [cell["picked"], cell["tried"]], []
+    for name in cell["weak"]:
+        of, others = cell["parts"][name], _without(all_parts[name], cell["parts"][name])
+        found.append(("misses", f"{name}: {_percent(of)} picked, {_percent(others)} in other cells"))
+    if is_worse(own, _without(total, own)) and not 0 < len(cell["weak"]) <= len(cell["parts"]) / 2:
         found = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} in other cells")]
     if is_worse(own, cell["before"]):
         found.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))

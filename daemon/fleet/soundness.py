@@ -1,4 +1,4 @@
-"""Check that a run is as its cell wrote it: record numbers, the ledger's hash chain, kept files, images. Reads only.
+"""Find damage in a run: missing records, breaks in the ledger's hash chain, changed kept files, incomplete images.
 
 A torn last line (killed daemon) and losses that the run itself reports (full disk) do not count as damage.
 """
@@ -49,10 +49,8 @@ def damages(folder: Path, run: RunRecords) -> list[str]:
 
 
 def _missing(run: RunRecords) -> list[str]:
-    numbers = [r["seq"] for r in run.records]
-    return [
-        f"{RUN}: after record {before} comes {now}" for before, now in pairwise([-1, *numbers]) if now != before + 1
-    ]
+    pairs = pairwise([-1, *(r["seq"] for r in run.records)])
+    return [f"{RUN}: record {now} follows record {before}" for before, now in pairs if now != before + 1]
 
 
 def _torn_end(folder: Path) -> str | None:
@@ -74,4 +72,4 @@ def _complete_image(folder: Path, name: str) -> bool:
 
 def _missing_images(folder: Path, run: RunRecords) -> list[str]:
     names = [n for r in run.records if r["kind"] == "look" for n in (r.get("images") or {}).values()]
-    return [f"{name}: missing, although its look exists" for name in names if not os.path.isfile(folder / name)]
+    return [f"{name}: the image of a recorded look is missing" for name in names if not os.path.isfile(folder / name)]

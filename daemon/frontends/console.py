@@ -13,7 +13,7 @@ def converse(link: DaemonLink) -> int:
     """Send lines until end of input or `quit`; returns the status of the last. At a terminal, notices appear above the
     prompt.
 
-    Raises NotThereError where the daemon goes away from a pipe, or hangs at a stop; at a terminal it is sought again.
+    From a pipe, raises DaemonUnreachableError where the daemon ends or hangs; at a terminal the prompt reconnects.
     """
     if sys.stdin.isatty() and sys.stdout.isatty():
         import asyncio

@@ -41,21 +41,15 @@ class EditorOutput:
     events: list[str | EditorKey] = field(default_factory=list)
 
 
-def no_completion(_: str) -> list[str]:
-    """Default of LineEditor.complete."""
-    return []
-
-
 class LineEditor:
     """The line being typed at one terminal. `complete` returns whole lines that complete the typed one."""
 
-    def __init__(self, prompt: str = "> ", complete: Callable[[str], list[str]] = no_completion) -> None:
-        self.prompt = prompt
-        self.complete = complete
+    def __init__(self, prompt: str, complete: Callable[[str], list[str]]) -> None:
+        self.prompt, self.complete = prompt, complete
         self.history: list[str] = []
         self.remember = True
         self.columns, self.rows = COLUMNS, ROWS
-        self._text, self._cursor, self._back = "", 0, 0
+        self.text, self._cursor, self._back = "", 0, 0
         self._first, self._fits = 0, True
         """The first visible character, and whether all after it fits in the row."""
         self._unsent_line = ""
@@ -71,10 +65,6 @@ class LineEditor:
             b"H": self._home, b"F": self._end, b"3~": self._delete,
         }  # fmt: skip
 
-    @property
-    def text(self) -> str:
-        return self._text
-
     def feed(self, data: bytes) -> EditorOutput:
         typed = EditorOutput()
         for byte in data:
@@ -84,7 +74,7 @@ class LineEditor:
     def show_prompt(self) -> bytes:
         """Draw the prompt and the typed line in one row; of a longer line the part around the cursor."""
         room = self._scrolled()
-        shown = list(self._text[self._first : self._first + room])
+        shown = list(self.text[self._first : self._first + room])
         if self._first:
             shown[0] = MORE_LEFT
         if not self._fits:
@@ -99,7 +89,7 @@ class LineEditor:
     def _scrolled(self) -> int:
         """Move the visible part of the line to the cursor; returns how many characters fit."""
         room = max(4, self.columns - 1 - len(self.prompt))
-        at, length = self._cursor - self._first, len(self._text)
+        at, length = self._cursor - self._first, len(self.text)
         in_view = (at > 0 or self._first == 0) and (at < room - 1 or (at <= room and self._first + room >= length))
         if length <= room:
             self._first = 0
@@ -128,7 +118,7 @@ class LineEditor:
             self._start_over()
             typed.echo += b"^C\r\n"
             typed.events.append(EditorKey.INTERRUPT)
-        elif byte == 0x04 and not self._text:
+        elif byte == 0x04 and not self.text:
             typed.events.append(EditorKey.END)
         elif byte == 0x1B:
             self._escape = b"\x1b"
@@ -159,21 +149,21 @@ class LineEditor:
             self.rows, self.columns = rows, columns
 
     def _finish(self) -> str:
-        line = self._text
+        line = self.text
         if self.remember and line.strip() and (not self.history or self.history[-1] != line):
             self.history = [*self.history, line][-HISTORY:]
         self._start_over()
         return line
 
     def _start_over(self) -> None:
-        self._text, self._cursor, self._back, self._unsent_line = "", 0, 0, ""
+        self.text, self._cursor, self._back, self._unsent_line = "", 0, 0, ""
         self._first, self._fits = 0, True
 
     def _insert(self, text: str) -> bytes:
-        if len(self._text) + len(text) > LONGEST_LINE:
+        if len(self.text) + len(text) > LONGEST_LINE:
             return BELL
-        tail = self._text[self._cursor :]
-        self._text = self._text[: self._cursor] + text + tail
+        tail = self.text[self._cursor :]
+        self.text = self.text[: self._cursor] + text + tail
         self._cursor += len(text)
         return self._drawn((text + tail).encode() + b"\b" * len(tail))
 
@@ -181,22 +171,22 @@ class LineEditor:
         """Remove characters; the cursor must be at start or end, and is at start afterwards."""
         if start == end:
             return BELL
-        tail = self._text[end:]
+        tail = self.text[end:]
         moved = b"\b" * (self._cursor - start)
-        self._text, self._cursor = self._text[:start] + tail, start
+        self.text, self._cursor = self.text[:start] + tail, start
         return self._drawn(moved + tail.encode() + CLEAR_TO_END + b"\b" * len(tail))
 
     def _backspace(self) -> bytes:
         return self._delete_range(max(0, self._cursor - 1), self._cursor)
 
     def _delete(self) -> bytes:
-        return self._delete_range(self._cursor, min(len(self._text), self._cursor + 1))
+        return self._delete_range(self._cursor, min(len(self.text), self._cursor + 1))
 
     def _kill_line(self) -> bytes:
-        return self._replace("") if self._text else b""
+        return self._replace("") if self.text else b""
 
     def _kill_word(self) -> bytes:
-        start = len(self._text[: self._cursor].rstrip().rpartition(" ")[0])
+        start = len(self.text[: self._cursor].rstrip().rpartition(" ")[0])
         return self._delete_range(start + (start > 0), self._cursor)
 
     def _home(self) -> bytes:
@@ -204,7 +194,7 @@ class LineEditor:
         return self._drawn(moved)
 
     def _end(self) -> bytes:
-        tail, self._cursor = self._text[self._cursor :], len(self._text)
+        tail, self._cursor = self.text[self._cursor :], len(self.text)
         return self._drawn(tail.encode())
 
     def _left(self) -> bytes:
@@ -214,23 +204,23 @@ class LineEditor:
         return self._drawn(b"\b")
 
     def _right(self) -> bytes:
-        if self._cursor == len(self._text):
+        if self._cursor == len(self.text):
             return BELL
         self._cursor += 1
-        return self._drawn(self._text[self._cursor - 1].encode())
+        return self._drawn(self.text[self._cursor - 1].encode())
 
     def _redraw(self) -> bytes:
         return b"\r\n" + ASK_SIZE + self.show_prompt()
 
     def _replace(self, text: str) -> bytes:
-        self._text, self._cursor = text, len(text)
+        self.text, self._cursor = text, len(text)
         return self.show_prompt()
 
     def _earlier(self) -> bytes:
         if self._back == len(self.history):
             return BELL
         if self._back == 0:
-            self._unsent_line = self._text
+            self._unsent_line = self.text
         self._back += 1
         return self._replace(self.history[-self._back])
 
@@ -241,7 +231,7 @@ class LineEditor:
         return self._replace(self.history[-self._back] if self._back else self._unsent_line)
 
     def _tab(self) -> bytes:
-        before = self._text[: self._cursor]
+        before = self.text[: self._cursor]
         options = self.complete(before)
         if not options:
             return BELL

@@ -1,18 +1,14 @@
-"""Who may connect at the socket, and what each user may do there. deploy/README.md, "Who may do what", says it for
-people.
+"""Rights of users at the socket: who may connect, and who may only look (deploy/README.md, "Who may do what").
 
-| at the other end (by the kernel's word) | may |
+| user, as the kernel reports it | rights |
 | --- | --- |
 | root, the daemon's own user | all |
-| a member of `console.group` (where none is named: of the daemon's own group) | all |
-| a member of `console.look_group` | look: nothing moves, no model changes; and stop, disable, abort, pause |
-| anybody else | nothing: is told so, and hung up |
+| a member of `console.group` (by default the daemon's own group) | all |
+| a member of `console.look_group` | look: nothing moves, no model changes; also stop, disable, abort, pause |
+| anybody else | none: the connection is refused |
 
-Everybody may take motion away. To give it back, `resume`, also of one's own pause, and `enable`, is for those who may
-all, as they answer for what moves then.
-
-What a command is, to look, to move or to change, its grade says (console/interpreter.py), which refuses what is not
-allowed. A serial terminal may what `console.tty.may` says.
+Everybody may stop motion; only users with all rights may permit it again (`resume`, `enable`). The grade of a command
+(console/interpreter.py) decides what it needs. A serial terminal has the rights of `console.tty.may`.
 """
 
 import contextlib

@@ -108,12 +108,12 @@ def damaged(run: Path, how: str) -> None:
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ("a line is gone", "after record 2 comes 4"),
+        ("a line is gone", "record 4 follows record 2"),
         ("a line is garbled", "run.jsonl:4: unreadable line"),
         ("the ledger was altered", "wire.jsonl:2: does not follow from the line before it"),
         ("a kept file was changed", "changed: its content"),
         ("a picture was cut short", "not a complete image"),
-        ("a picture is gone", "missing, although its look exists"),
+        ("a picture is gone", "the image of a recorded look is missing"),
     ],
 )
 def test_a_damaged_run_is_told_of_set_apart_and_stays_on_its_cell(

@@ -27,7 +27,7 @@ def test_a_picture_whose_name_no_disk_takes_is_a_missing_one(tmp_path: Path) -> 
     look = next(record for record in run.records if record["kind"] == "look")
     for name in ("x" * 300, "images/\0"):
         look["images"] = {"left": name}
-        assert damages(made.folder, run) == [f"{name}: missing, although its look exists"]
+        assert damages(made.folder, run) == [f"{name}: the image of a recorded look is missing"]
 
 
 def test_a_last_entry_without_its_end_is_what_a_killed_daemon_leaves(tmp_path: Path) -> None:
