@@ -40,6 +40,7 @@ from daemon.quantities import decimal, whole
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
+TRANSCRIPT = "transcript.jsonl"
 LONGEST_MM = 2000.0
 LARGEST_TRANSCRIPT = 50_000_000
 
@@ -71,18 +72,17 @@ def _lengths(text: str) -> tuple[float, float, float, float]:
 
 
 def _identify(args: argparse.Namespace) -> int:
+    transcript = args.out / TRANSCRIPT
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
+        with transcript.open("x", encoding="utf-8") as file:
             found = asyncio.run(_identify_controller(args.port, args.baud, args.pendant, file))
     except FileExistsError:
-        return _failed(
-            f"{args.out / 'transcript.jsonl'} exists already; name another folder with --out", NOT_UNDERSTOOD
-        )
+        return _failed(f"{transcript} exists already; name another folder with --out", NOT_UNDERSTOOD)
     except OSError as error:
         return _failed(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
     except EXPECTED as error:
-        return _failed(f"{error}\nThe transcript is {args.out / 'transcript.jsonl'}", NOT_DONE)
+        return _failed(f"{error}\nThe transcript is {transcript}", NOT_DONE)
     return _write_files(found, args.out, args.lengths)
 
 
@@ -100,7 +100,7 @@ def _write_files(found: ContactFindings, folder: Path, typed_mm: tuple[float, fl
     _tell(text)
     _tell(
         f"{folder / 'arm.txt'}: this page. {folder / 'arm.yaml'}: name it in facetd.yaml as arm.file. "
-        f"{folder / 'transcript.jsonl'}: every byte."
+        f"{folder / TRANSCRIPT}: every byte."
     )
     return DONE if arm is not None else NOT_DONE
 

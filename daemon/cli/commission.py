@@ -7,6 +7,7 @@ commissioning can continue another day.
 import argparse
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -87,9 +88,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
         order = CommissioningPlan(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
         with InputLines(lambda text: _tell(link.stop_separately(text, "commission", _tell)["text"]), _tell) as typed:
             person = CommissioningDialogue(_tell, lambda question: typed.answer(f"  {question}"))
-            all_proven = commission(
-                CommissioningSession(link, person, order), proofs, lambda now: write_proofs(path, now)
-            )
+            all_proven = commission(CommissioningSession(link, person, order), proofs, partial(write_proofs, path))
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD

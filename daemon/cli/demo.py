@@ -325,7 +325,7 @@ def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo
 
 
 def _follow_auto(records: Iterator[Record], seen: list[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
-    """Print the picks of an auto until it ends, and add its records to `seen`; returns the ends, and true errors by cycle."""
+    """Print the picks of an auto until it ends, add its records to `seen`; returns ends and true errors by cycle."""
     ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
     for record in records:

@@ -110,17 +110,15 @@ def _check_cameras(context: CommandContext, kind: str) -> None:
     """Check that the cameras in use are those to be calibrated. Raises CommandError."""
     one = sections.alone(context.config)
     if context.hardware.cameras.alone != one:
-        raise CommandError(
-            f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`", NOT_DONE
-        )
+        raise CommandError(f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`")
     wrong = {"stereo": "camera", "by-hand": "camera"} if one else {"camera": "stereo"}
     if kind in wrong:
         cameras = "one camera" if one else "two cameras"
-        raise CommandError(f"calibrate {kind}: this cell has {cameras}: `calibrate {wrong[kind]}`", NOT_DONE)
+        raise CommandError(f"calibrate {kind}: this cell has {cameras}: `calibrate {wrong[kind]}`")
     if one == "right":
-        raise CommandError("calibrate: a cell with one camera has it as cameras.left: change facetd.yaml", NOT_DONE)
+        raise CommandError("calibrate: a cell with one camera has it as cameras.left: change facetd.yaml")
     if one and kind != "camera" and context.calibration.alone is None:
-        raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first", NOT_DONE)
+        raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first")
 
 
 def _session(context: CommandContext, board: Board, held: bool = False) -> CalibrationSession:
@@ -169,7 +167,7 @@ async def _solved(
         "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
-    lines += [_change_of_hand_eye(before, after), *await _store_and_use(context, before, after, frontend)]
+    lines += [_change_of_hand_eye(before, after), *await _store_and_use(context, before, after, frontend.who)]
     lines += grasp_lines(mount_of(context.cycle.cell), context.cycle.settings)
     lines.append("Residuals are not accuracy. Measure accuracy from new poses: `calibrate verify`.")
     return CommandResult("\n".join(lines), data)
@@ -180,16 +178,14 @@ async def _by_hand(context: CommandContext, board: Board, frontend: Frontend) ->
     views = await views_by_hand(_session(context, board), frontend.say)
     before = context.calibration
     after, stereo = await context.study(solve_stereo, views, board, before)
-    lines = [*_stereo_lines(stereo), *await _store_and_use(context, before, after, frontend)]
+    lines = [*_stereo_lines(stereo), *await _store_and_use(context, before, after, frontend.who)]
     lines.append("Next: `calibrate hand-eye` (the common frame of the cameras has changed).")
     return CommandResult(
         "\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas}
     )
 
 
-async def _store_and_use(
-    context: CommandContext, before: Calibration, after: Calibration, frontend: Frontend
-) -> list[str]:
+async def _store_and_use(context: CommandContext, before: Calibration, after: Calibration, who: str) -> list[str]:
     """Store the new calibration and take it into use. before: the calibration in use while it was solved."""
     calibrations = context.config.calibrations
     used, number = CONFIGURED, CONFIGURED
@@ -199,13 +195,11 @@ async def _store_and_use(
         used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
             calibrations.use(used)
-            raise CommandError(
-                f"another calibration was taken into use meanwhile; `calibrate use {number}` takes this one"
-            )
+            raise CommandError(f"another calibration came into use meanwhile; `calibrate use {number}` takes this one")
         return lambda: calibrations.use(used)
 
     try:
-        taken = await context.reload(frontend.who, change)
+        taken = await context.reload(who, change)
     except FacetdError as error:
         if number == CONFIGURED:
             raise
@@ -243,12 +237,10 @@ async def _use(context: CommandContext, words: list[str], frontend: Frontend) ->
     return CommandResult(f"Calibration {word} is in use. {taken}", {"current": number})
 
 
-def _stereo_lines(result: StereoResult) -> list[str]:
-    rig, sigma = result.rig, result.sigmas
-    lines = [f"not used: {name}: {reason}" for name, reason in result.dropped.items()]
-    lines.append(
-        f"cameras: residual {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px to the epipolar line"
-    )
+def _stereo_lines(found: StereoResult) -> list[str]:
+    rig, sigma = found.rig, found.sigmas
+    lines = [f"not used: {name}: {reason}" for name, reason in found.dropped.items()]
+    lines.append(f"cameras: residual {found.stereo_rms_px:.3f} px rms, {found.epipolar_px:.3f} px to the epipolar line")
     for name, camera in (("left", rig.left), ("right", rig.right)):
         lines.append(f"  {name:5} focal length {camera.matrix[0, 0]:.2f} +- {sigma[f'{name}.fx']:.2f} px")
     lines.append(f"  baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
@@ -340,9 +332,7 @@ async def _touch(context: CommandContext, view: BoardView, board: Board, fronten
         if len(off) != 2:
             raise ValueError
     except ValueError:
-        raise CommandError(
-            "expected two numbers in mm, such as 0.5 -0.3; nothing was recorded", NOT_UNDERSTOOD
-        ) from None
+        raise CommandError("expected two numbers, such as 0.5 -0.3; nothing was recorded", NOT_UNDERSTOOD) from None
     distance = float(np.linalg.norm(off))
     context.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
     verdict = "good" if distance <= 1.0 else "do not pick: `calibrate hand-eye`, check arm.flange_from_tool"

@@ -8,7 +8,7 @@ from daemon.arm import CAMERA_NAMES, CameraName, Fault
 from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandResult, Frontend, command, no_more, one_of, yes_or_no
-from daemon.errors import NOT_DONE, CommandError
+from daemon.errors import CommandError
 from daemon.events.codes import CauseCode, FaultCause
 
 WORDS = ("left", "right", "both", "moving")
@@ -39,19 +39,19 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
     if context.hardware.kind == "recorded" or context.calibration.alone is not None:
         raise CommandError("this cell (recorded, or with one camera) always uses the same cameras")
     if word != "both" and context.calibration.fixed:
-        raise CommandError(f"cameras {word}: one fixed camera alone cannot measure distances", NOT_DONE)
+        raise CommandError(f"cameras {word}: one fixed camera alone cannot measure distances")
     if word == "both":
         hardware, supervisor = context.hardware, context.cycle.supervisor
         trial = pair_fault(hardware.cameras, context.calibration.rig, hardware.clock)
         wrong = await supervisor.run("test both cameras", trial, moves=False)
         if wrong is not None:
-            raise CommandError(f"both cameras cannot be used yet: {wrong}", NOT_DONE)
+            raise CommandError(f"both cameras cannot be used yet: {wrong}")
         await context.look_with(None, "both cameras agree with the calibration")
         return CommandResult("Using both cameras.", {"alone": None})
     alone: CameraName = "left" if word == "left" else "right"
     wrong = (await _camera_problems(context)).get(alone)
     if wrong is not None:
-        raise CommandError(f"the {alone} camera cannot be used: {wrong}", NOT_DONE)
+        raise CommandError(f"the {alone} camera cannot be used: {wrong}")
     await context.look_with(alone, "chosen by an operator")
     context.one_camera_allowed = True
     return CommandResult(f"Using the {alone} camera alone: {COST}. `cameras both` switches back.", {"alone": alone})
@@ -78,7 +78,7 @@ async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResul
         raise CommandError("a shutter cannot be measured on recorded pictures")
     asked = "Move a newspaper that fills the view to and fro, about once a second, until the answer comes. Start? [y/n]"
     if frontend.asks and not await yes_or_no(frontend, asked):
-        raise CommandError("not measured", NOT_DONE)
+        raise CommandError("not measured")
     trial = shutters(context.hardware.cameras, context.hardware.clock)
     found = await context.cycle.supervisor.run("look at a moving scene", trial, moves=False)
     context.shutters = {**(context.shutters or {}), **found}
@@ -116,18 +116,15 @@ async def offer_one_camera(context: CommandContext, fault: Fault, frontend: Fron
     cause = fault.cause
     left = await remaining_camera(context, cause)
     if left is None:
-        shocked = (
-            cause.code in PERHAPS_KNOCKED and context.hardware.cameras.alone is None and not context.calibration.fixed
-        )
-        return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if shocked else None
+        both = context.hardware.cameras.alone is None and not context.calibration.fixed
+        knocked = both and cause.code in PERHAPS_KNOCKED
+        return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if knocked else None
     alone, why = left
     problem = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."
     if not frontend.asks:
         return f"{problem} `cameras {alone}` uses it."
     if not await yes_or_no(frontend, f"{problem} Use the {alone} camera alone? [y/n]"):
-        raise CommandError(
-            f"The fault is not cleared: {fault}. Repair the {OTHER[alone]} camera, then `resume`.", NOT_DONE
-        )
+        raise CommandError(f"The fault is not cleared: {fault}. Repair the {OTHER[alone]} camera, then `resume`.")
     await context.look_with(alone, f"{OTHER[alone]} camera: {why}")
     context.one_camera_allowed = True
     return f"Using the {alone} camera alone. Once the {OTHER[alone]} camera is repaired: `cameras both`."

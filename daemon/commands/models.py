@@ -150,9 +150,7 @@ async def _confirm_during_pick(context: CommandContext, frontend: Frontend) -> N
         return
     what = "auto is on" if state["auto"] else "a pick is under way"
     if not frontend.asks:
-        raise CommandError(
-            f"{what}: the next part would be picked with another model; wait for the end, or `auto off` first"
-        )
+        raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
     if not await yes_or_no(frontend, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
         raise CommandError("cancelled; the model is unchanged")
 

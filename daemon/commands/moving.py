@@ -58,9 +58,7 @@ async def _ask_robot_only(context: CommandContext, frontend: Frontend) -> Grant:
     """Ask whether to enable the arm for `robot` only. Raises CommandError on anything but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
-        raise CommandError(
-            f"{lack} (measure one with a ruler to calibrate with); to use `robot cal`, enable at a console"
-        )
+        raise CommandError(f"{lack} (measure one with a ruler to begin with); to use `robot cal`, enable at a console")
     if not await yes_or_no(frontend, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
     return Grant.TYPED_LINES
@@ -80,9 +78,8 @@ async def stop(context: CommandContext, _: list[str], frontend: Frontend) -> Com
     same. facetd repeats the stop word until two WHERE answers agree that the arm is at rest. If it cannot confirm
     that, it tells you to press the emergency stop, and keeps trying. Commands that wait are dropped.
     """
-    return _stop_result(
-        await context.cycle.supervisor.stop(f"by {frontend.who}"), "Stopped. Nothing moves until `resume`."
-    )
+    alarm = await context.cycle.supervisor.stop(f"by {frontend.who}")
+    return _stop_result(alarm, "Stopped. Nothing moves until `resume`.")
 
 
 def _stop_result(alarm: str | None, text: str) -> CommandResult:
@@ -105,11 +102,8 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
     fault = supervisor.permission.fault
     if fault is None:
         supervisor.resume()
-        return CommandResult(
-            "Motion resumed."
-            if before["paused"]
-            else "Nothing to resume: no fault is active, and motion is not paused."
-        )
+        nothing = "Nothing to resume: no fault is active, and motion is not paused."
+        return CommandResult("Motion resumed." if before["paused"] else nothing)
     supervisor.refuse_while_stopping("resume")
     lines = [f"Fault cleared: {fault}."]
     camera_text = await camera_selection.offer_one_camera(context, fault, frontend)

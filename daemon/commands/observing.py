@@ -163,9 +163,7 @@ async def look(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 def around_result(known: WorldModel, columns: int) -> CommandResult:
     """What each look of `look around` added, and the parts known at the end."""
-    texts = [
-        f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, start=2)
-    ]
+    texts = [f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, 2)]
     for part in known.found:
         x, y, z = part.centre
         name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
@@ -208,17 +206,14 @@ async def try_now(context: CommandContext, words: list[str], frontend: Frontend)
 async def where(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Show the position of the arm, as its controller reports it."""
     reading = await context.cycle.where()
-    x, y, z = reading.world_from_tool[:3, 3]
-    a = reading.world_from_tool[:3, 2]
-    joints = np.degrees(reading.joints_rad)
-    tilt = np.degrees(np.arccos(np.clip(-a[2], -1.0, 1.0)))
+    pose, joints = reading.world_from_tool, np.degrees(reading.joints_rad)
+    x, y, z = pose[:3, 3]
+    tilt = np.degrees(np.arccos(np.clip(-pose[2, 2], -1.0, 1.0)))
     lines = [
         f"world x {x:.2f}  y {y:.2f}  z {z:.2f} mm; tilted {tilt:.1f} degrees from straight down",
         "joints " + "  ".join(f"{angle:.2f}" for angle in joints) + " degrees",
     ]
-    return CommandResult(
-        "\n".join(lines), {"world_from_tool": reading.world_from_tool.tolist(), "joints_deg": joints.tolist()}
-    )
+    return CommandResult("\n".join(lines), {"world_from_tool": pose.tolist(), "joints_deg": joints.tolist()})
 
 
 @command("parts")

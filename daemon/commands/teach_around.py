@@ -14,17 +14,19 @@ from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandResult, Frontend, yes_or_no
 from daemon.console.phrases import plural
-from daemon.errors import NOT_DONE, CommandError
+from daemon.errors import CommandError
 from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoSinglePartError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looks import Look
-from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
+from daemon.pick.settings import Settings
+from daemon.store.model_store import StoredView
 from daemon.teaching.part_from_looks import Deviation, LearntPart, deviations, learn_from_looks
 from daemon.vision.facets import fuse
 from daemon.vision.geometry import Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_name
 
+Json = dict[str, Any]
 USAGE = "teach LABEL --around [6..12]"
 
 
@@ -39,31 +41,25 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
     try:
         thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, frontend.say), frontend)
     except NoSinglePartError as error:
-        raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
+        raise CommandError(f"teach {label}: {error}") from None
     if context.cycle.status().get("dry"):
         raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")
-    settings = context.cycle.settings
     try:
-        part = await context.worker(
-            _fused_part, thing, looks, settings.doubt, settings.limits.table_z_mm, trainer.library
-        )
+        part = await context.worker(_fused_part, thing, looks, context.cycle.settings, trainer.library)
     except TeachError as error:
-        raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
+        raise CommandError(f"teach {label}: {error}") from None
     await frontend.say("\n".join(_part_lines(part, len(looks))))
     return part
 
 
-def _fused_part(
-    thing: CircledPart, looks: list[Look], doubt: Doubt, table_z_mm: float, library: FacetLibrary
-) -> LearntPart:
+def _fused_part(thing: CircledPart, looks: list[Look], settings: Settings, library: FacetLibrary) -> LearntPart:
     """The part that the looks together show. Raises TeachError."""
+    doubt, table_z_mm = settings.doubt, settings.limits.table_z_mm
     seen = [seen_from(look, thing.groups_in(look), doubt) for look in looks]
     return learn_from_looks(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
 
 
-def deviations_from_drawing(
-    part: LearntPart, drawn: Polyhedron | None
-) -> tuple[list[str], list[dict[str, Any] | None]]:
+def deviations_from_drawing(part: LearntPart, drawn: Polyhedron | None) -> tuple[list[str], list[Json | None]]:
     """The deviation of each side from the drawing, as text and as JSON values; empty without a drawing."""
     if drawn is None:
         return [], []
@@ -84,7 +80,7 @@ def deviations_from_drawing(
     return lines, [None if one is None else _json(one) for one in compared]
 
 
-def _json(one: Deviation) -> dict[str, Any]:
+def _json(one: Deviation) -> Json:
     rounded = {name: round(float(value), 4) for name, value in vars(one).items()}
     return {**rounded, "facet": one.facet}
 
@@ -112,15 +108,13 @@ def _part_lines(part: LearntPart, looks: int) -> list[str]:
     return lines
 
 
-def stored_result(
-    label: str, view: str, stl: str, part: LearntPart, lines: list[str], data: dict[str, Any]
-) -> CommandResult:
+def stored_result(view: StoredView, part: LearntPart, lines: list[str], data: Json) -> CommandResult:
     """The result of `teach --around` once the part is stored."""
-    text = [f"Stored as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
+    text = [f"Stored as {view.name}: {plural(len(part.solid.facets), 'side')}; as STL in {view.mesh}.", *lines]
     values = {
         "kept": True,
-        "view": view,
-        "stl": stl,
+        "view": view.name,
+        "stl": str(view.mesh),
         "facets": list(part.solid.types),
         "looks": list(part.looks),
         "at_table": part.table_edges,

@@ -119,16 +119,11 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     if lines:
         await frontend.say("\n".join(lines))
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}? [y/n]"):
-        return CommandResult(
-            "Not stored. Improve the light or use more places, then repeat.", {"kept": False}, NOT_DONE
-        )
+        return CommandResult("Not stored. Improve light or use more places, then repeat.", {"kept": False}, NOT_DONE)
     note = {"who": frontend.who, "calibration": _digest(context), "places": count}
     view = await context.study(context.trainer.store_learnt_part, label, part.solid, note)
     verdict, data = await _coverage(context, label)
-    more = [verdict, "Next: `train`."]
-    return teach_around.stored_result(
-        label, view.name, str(view.mesh), part, more, {"beside_drawing": deviations, **data}
-    )
+    return teach_around.stored_result(view, part, [verdict, "Next: `train`."], {"beside_drawing": deviations, **data})
 
 
 async def _teach_drawing(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:

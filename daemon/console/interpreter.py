@@ -313,7 +313,7 @@ class Interpreter:
 
     def _check_rights(self, command: ConsoleCommand, grade: Grade, frontend: Frontend) -> None:
         if grade != "look" and frontend.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
-            raise CommandError(f"{command.name}: not permitted: this {frontend.name} is read-only ({RIGHTS})", NOT_DONE)
+            raise CommandError(f"{command.name}: not permitted: this {frontend.name} is read-only ({RIGHTS})")
 
     async def _help(self, _: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
         """Show this screen, all commands, or one command."""

@@ -55,19 +55,13 @@ class Notices:
         self._levels[id(frontend)] = level
 
     def tell(
-        self,
-        text: str,
-        level: NoticeLevel = NoticeLevel.FAULTS,
-        by: str | None = None,
-        refusal: bool = False,
+        self, text: str, level: NoticeLevel = NoticeLevel.FAULTS, by: str | None = None, refusal: bool = False
     ) -> None:
         """Show a notice at every frontend of that level, except its originator's and those whose answer will say the
         same. refusal: a move was refused; the operator who waits for the end of a motion reads that in the answer."""
         for frontend in list(self._frontends):
             shows = self._levels.get(id(frontend), NoticeLevel.OUTCOMES)
-            answered = (refusal or level is NoticeLevel.OUTCOMES) and any(
-                frontend is waiting for waiting in self._waiting
-            )
+            answered = (refusal or level is NoticeLevel.OUTCOMES) and any(frontend is one for one in self._waiting)
             own = any(frontend is stopping and text in texts for stopping, texts in self._stopping)
             if level > shows or answered or own or (by is not None and by == getattr(frontend, "who", None)):
                 continue

@@ -50,9 +50,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     collect.add_argument(
         "--into", metavar="STORE", required=True, help="the store: a folder, or a bucket such as s3://plant/facetd"
     )
-    collect.add_argument(
-        "--free", action="store_true", help="then remove the runs from the cells once the store has them"
-    )
+    collect.add_argument("--free", action="store_true", help="then remove the runs that the store has from the cells")
     collect.add_argument("--json", action="store_true", help="one JSON line")
     replay = command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     replay.add_argument(
@@ -73,9 +71,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     replay.add_argument("--json", action="store_true", help="one JSON line")
     fleet = command(subparsers, "fleet", _fleet, "one HTML page for all cells of a store (extra `fleet`)")
     fleet.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
-    fleet.add_argument(
-        "--days", type=within(whole, 1, MOST), default=7, metavar="N", help="up to the last run in it (7)"
-    )
+    fleet.add_argument("--days", type=within(whole, 1, MOST), default=7, metavar="N", help="up to the last run (7)")
     fleet.add_argument("--out", type=Path, default=Path("fleet.html"), metavar="PAGE.html", help="(fleet.html)")
 
 

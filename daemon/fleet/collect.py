@@ -68,9 +68,7 @@ def source_of(text: str) -> RunSource:
     """Parse `CELL=FOLDER` or `CELL=HOST:FOLDER`. Raises StoreError."""
     cell, equals, where = text.partition("=")
     if not equals or not where or not NAME.fullmatch(cell):
-        raise StoreError(
-            f"{text}: expected CELL=FOLDER or CELL=[USER@]HOST:FOLDER, the cell's name of letters and digits"
-        )
+        raise StoreError(f"{text}: expected CELL=FOLDER or CELL=[USER@]HOST:FOLDER, CELL of letters and digits")
     return RunSource(cell, where)
 
 
@@ -206,9 +204,8 @@ def _local_copy(source: RunSource, name: str) -> Iterator[Path]:
         yield Path(source.where) / name
         return
     with tempfile.TemporaryDirectory(prefix="facetd-collect-") as folder:
-        _rsync(
-            "--recursive", "--times", "--checksum", *FILTER, f"{source.where.rstrip('/')}/{name}/", f"{folder}/{name}/"
-        )
+        ends = f"{source.where.rstrip('/')}/{name}/", f"{folder}/{name}/"
+        _rsync("--recursive", "--times", "--checksum", *FILTER, *ends)
         yield Path(folder) / name
 
 

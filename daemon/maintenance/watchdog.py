@@ -210,9 +210,7 @@ class Watchdog:
         try:
             context.roll_if_due()
         except (FileError, OSError) as error:
-            context.troubles.report(
-                "log", f"log: {removed} was removed, and no new run folder can be made: {plain(error)}"
-            )
+            context.troubles.report("log", f"log: {removed} was removed, and no new folder can be made: {plain(error)}")
             return
         context.troubles.report("log", None)
         text = f"log: {removed} was removed while in use; the log continues in {context.run_log.folder}"

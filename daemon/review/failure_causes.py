@@ -176,13 +176,11 @@ def _cameras_disagree(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyC
         return
     matched = sum(c.named_looks for c in (cycle, *others))
     evidence = f"{len(unmatched)} looks have outlines in both images that do not match"
-    share = len(unmatched) / len(cycle.stops)
+    share, at = len(unmatched) / len(cycle.stops), unmatched[0].seq
     if matched and (len(unmatched) > 1 or share == 1.0):
-        yield LikelyCause(
-            CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {matched} looks found parts", unmatched[0].seq
-        )
+        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {matched} looks found parts", at)
     elif cycle.code == CauseCode.UNMATCHED_OUTLINES:
-        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.7, str(cycle.why), unmatched[0].seq)
+        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.7, str(cycle.why), at)
 
 
 def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:

@@ -55,9 +55,7 @@ class ModbusSettings:
     """Longest time between two requests of the PLC, s. After that its coils count as off."""
 
 
-def check_signals(
-    document: Document, signals: Mapping[str, SignalSettings], modbus: ModbusSettings | None = None
-) -> None:
+def check_signals(document: Document, signals: Mapping[str, SignalSettings], modbus: ModbusSettings | None) -> None:
     """Check the signals together. Raises ConfigError."""
     by_plc = () if modbus is None else modbus.roles
     for role in by_plc:
@@ -66,13 +64,9 @@ def check_signals(
     roles, numbers = Counter(s.role for s in signals.values()), Counter(s.number for s in signals.values())
     for name, signal in signals.items():
         if roles[signal.role] > 1:
-            raise document.error(
-                ("signals", name, "role"), f"expected one signal with the role {signal.role}, found more"
-            )
+            raise document.error(("signals", name, "role"), f"expected one signal with role {signal.role}, found more")
         if numbers[signal.number] > 1:
-            raise document.error(
-                ("signals", name, "number"), f"expected a number of its own, found {signal.number} twice"
-            )
+            raise document.error(("signals", name, "number"), f"expected its own number, found {signal.number} twice")
         if signal.on_stop is not None and signal.role not in ON_STOP:
             problem = "expected no on_stop: it is for busy and part_done (`fault` is on after a stop; valves stay)"
             raise document.error(("signals", name, "on_stop"), problem)

@@ -288,15 +288,13 @@ def _check_names(document: Document, file: PlacesFile) -> None:
                 raise document.error(keys, "expected low_mm below high_mm along each axis")
 
 
-def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], place_settings: PlaceSettings) -> Array:
-    if place_settings.fixture is None:
+def _frame(document: Document, file: PlacesFile, keys: tuple[Key, ...], entry: PlaceSettings) -> Array:
+    if entry.fixture is None:
         return np.eye(4)
-    if place_settings.fixture not in file.fixtures:
+    if entry.fixture not in file.fixtures:
         known = ", ".join(file.fixtures) or "none"
-        raise document.error(
-            (*keys, "fixture"), f"expected a fixture of this file ({known}), found {place_settings.fixture}"
-        )
-    return file.fixtures[place_settings.fixture].world_from_fixture
+        raise document.error((*keys, "fixture"), f"expected a fixture of this file ({known}), found {entry.fixture}")
+    return file.fixtures[entry.fixture].world_from_fixture
 
 
 def _rigid(document: Document, keys: tuple[Key, ...], rows: Matrix) -> Array:

@@ -205,10 +205,8 @@ def _known(file: _StatusFile, spots: Mapping[str, PlaceSpot]) -> dict[str, Place
     """The status of every place that is stored or has a spot."""
     moved = {name: _moved(state, spots[name]) for name, state in file.places.items() if name in spots}
     # What may lie where no place of today answers for it: of places that are gone, and of those that moved.
-    leftovers = [*file.left]
-    leftovers += [
-        s for name, s in file.places.items() if s.status not in FILLABLE and (name not in spots or moved[name])
-    ]
+    lying = [s for name, s in file.places.items() if s.status not in FILLABLE and moved.get(name, True)]
+    leftovers = [*file.left, *lying]
     return {
         name: _known_at(file.places.get(name), spots.get(name), moved.get(name, ""), leftovers)
         for name in {**file.places, **spots}

@@ -151,9 +151,7 @@ def read_interrupted_state(path: Path, ran_before: bool) -> RecoveryState | None
 
 
 def _in_doubt(damage: str, newest: RecoveryState | None = None) -> RecoveryState:
-    return msgspec.structs.replace(
-        newest or RecoveryState(run="before"), in_doubt=True, hand_closed=True, damage=damage
-    )
+    return msgspec.structs.replace(newest or RecoveryState("before"), in_doubt=True, hand_closed=True, damage=damage)
 
 
 def _slots(content: bytes) -> tuple[list[RecoverySlot], bool]:

@@ -202,7 +202,7 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
     monkeypatch.setattr(calibrating, "_stereo_lines", lambda _: [])
     answer = say(context, "calibrate by-hand")
     assert answer.status == 1
-    assert "stored as calibration 2, not in use: another calibration was taken into use meanwhile" in answer.text
+    assert "stored as calibration 2, not in use: another calibration came into use meanwhile" in answer.text
     assert calibrations.current == 1
 
 

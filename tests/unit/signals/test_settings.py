@@ -33,8 +33,8 @@ def test_a_signal_has_a_number_a_role_a_level_and_what_a_stop_makes_of_it(tmp_pa
 @pytest.mark.parametrize(
     ("signals", "words"),
     [
-        ({"a": START, "b": {**START, "number": 1}}, r"signals\.a\.role: expected one signal with the role cycle_start"),
-        ({"a": START, "b": {"number": 1003, "role": "reset"}}, r"signals\.a\.number: expected a number of its own"),
+        ({"a": START, "b": {**START, "number": 1}}, r"signals\.a\.role: expected one signal with role cycle_start"),
+        ({"a": START, "b": {"number": 1003, "role": "reset"}}, r"signals\.a\.number: expected its own number"),
         ({"a": {**START, "on_stop": "off"}}, r"signals\.a\.on_stop: expected no on_stop"),
         ({"a": {"number": 3, "role": "fault", "on_stop": "off"}}, r"signals\.a\.on_stop: expected no on_stop"),
         ({"a": {"number": 1001, "role": "permit_pick", "level": "low"}}, r"signals\.a\.level: expected high: a broken"),
