@@ -155,10 +155,8 @@ def _variety(args: argparse.Namespace) -> dict[str, str]:
 
 
 def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon: the program's own files, otherwise defaults. Raises ConfigError.
-
-    Idle cameras are not checked: each frame draws noise, and the same seed would not give the same run.
-    """
+    """facetd.yaml of the demo's daemon. Idle cameras are not checked: each frame draws noise, and a seed would not
+    repeat a run. Raises ConfigError."""
     from daemon.config import load_config
 
     config = load_config(folders.ETC / ("fixed" if args.fixed else "") / "facetd.yaml", simulated=True)
@@ -299,10 +297,8 @@ def _faulted(rows: Sequence[dict[str, Any]]) -> bool:
 
 
 def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo_kit.KitResult:
-    """Bring the four parts to the nests of a plate, each turned as the plate's places.yaml has it; what became of it.
-
-    A part can only be turned to a side that is known, so that each is taught from its drawing as well.
-    """
+    """Bring the four parts to the nests of a plate, taught from their drawings as well: a part is turned only to known
+    sides. Returns what became of them."""
     say("\nthe kit: the same parts from their drawings, with the sides that were never shown")
     nests = demo_kit.NESTS
     _teach_drawings(link, {nest.part: nest.drawing for nest in nests})

@@ -157,9 +157,7 @@ def command(
     first: bool = False,
     looks: Looks = never,
 ) -> Callable[[CommandHandler], ConsoleCommand]:
-    """Decorator: make a handler a command, named by the first word of its usage. `help` shows the first line of the
-    handler's docstring, `help COMMAND` all of it.
-    """
+    """Decorator: make a handler a command, named by the first word of its usage; its docstring is the help."""
 
     def made(run: CommandHandler) -> ConsoleCommand:
         name, (prefix, _, details) = usage.split()[0], (inspect.getdoc(run) or "").partition("\n")

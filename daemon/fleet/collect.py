@@ -75,10 +75,8 @@ def source_of(text: str) -> RunSource:
 def collect(
     store: Store, sources: Sequence[RunSource], free: bool = False, say: Callable[[str], object] = lambda _: None
 ) -> CollectionSummary:
-    """Copy every finished run that the store does not have. free: then remove collected runs from the cells.
-
-    A cell that cannot be reached is reported and skipped. Raises StoreError, OSError where the store fails.
-    """
+    """Copy every finished run that the store does not have; free: then remove collected runs from the cells. A cell
+    that cannot be reached is reported and skipped. Raises StoreError, OSError where the store fails."""
     summary = CollectionSummary(say=say)
     for source in sources:
         try:

@@ -270,10 +270,8 @@ def add_rows(store: Store, cell: str, runs: Iterable[Rows]) -> None:
 
 
 def add_month(store: Store, name: str, cell: str, month: str, rows: pa.Table, instead_of: Any = ()) -> None:
-    """Add rows to the file of one table, cell and month; rows of the runs `instead_of` are removed first.
-
-    Raises StoreError where a newer release wrote the file: its additional columns would be lost.
-    """
+    """Add rows to the file of one table, cell and month in place of those of the runs `instead_of`. Raises StoreError
+    where a newer release wrote the file: its additional columns would be lost."""
     pa, pq = arrow()
     parts = ("tables", name, f"cell={cell}", f"month={month}", FILE)
     path = store.path(*parts)

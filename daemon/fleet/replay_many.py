@@ -87,9 +87,7 @@ class ReplayJob:
 
 def replay_with(names: Sequence[str]) -> ReplayWith:
     """Interpret each `--with`: a model (a file, 3, latest), a calibration, or the section `vision` of a facetd.yaml.
-
-    Raises StoreError, FileError.
-    """
+    Raises StoreError, FileError."""
     files: dict[str, str] = {}
     settings: VisionSettings | None = None
     for name in names:
@@ -187,11 +185,7 @@ def replay_many(
     jobs: Sequence[ReplayJob], workers: int, cluster: str | None, say: Callable[[int, int], object] = lambda *_: None
 ) -> tuple[list[tuple[str, Json]], list[str]]:
     """Do the jobs that are not done; returns all (cell, result) pairs in the order of jobs, and a line for each
-    failure.
-
-    cluster: address of a dask scheduler, which continues when this process ends; None: `workers` local processes.
-    Raises StoreError without the extra or the scheduler.
-    """
+    failure. cluster: address of a dask scheduler; None: `workers` local processes. Raises StoreError."""
     if not jobs:
         return [], []
     out = open_store(jobs[0].out)

@@ -21,11 +21,8 @@ SHOWN = 300
 def write_replay_page(
     out: Store, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
 ) -> str:
-    """Write report.html into the replay's folder; returns its path. folders: run folders and stores of the runs;
-    chosen: the files given by --with.
-
-    A difference whose run is no longer available is shown without images. Raises OSError.
-    """
+    """Write report.html into the replay's folder; returns its path. folders: of the runs; chosen: the files of --with.
+    A difference whose run is no longer available has no images. Raises OSError."""
     rows, pictures, spent = [], {}, 0
     for number, one in enumerate(found[:SHOWN]):
         row: Json = {k: v for k, v in one.items() if k != "now"} | {"looks": None}

@@ -86,11 +86,8 @@ class Store:
             os.replace(temporary, path)
 
     def put(self, folder: Path, name: str, *parts: str) -> tuple[int, str]:
-        """Copy a file of a local folder, unless the store has the same; returns (bytes, sha256) as read back from the
-        store.
-
-        Raises FileError, StoreError, OSError.
-        """
+        """Copy a file of a folder, unless the store has the same; returns (bytes, sha256) as read back from the store.
+        Raises FileError, StoreError, OSError."""
         target = self.path(*parts)
         with open_below(folder, name) as source:
             size, digest = _hashed(source)

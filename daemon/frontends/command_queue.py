@@ -132,9 +132,8 @@ class CommandQueue:
         self._show_question(question)
 
     def answer(self, text: str) -> bool:
-        """Take a line as the answer to the open question. False without one, and for a line that is no answer: it
-        withdraws the permission to move, or runs while the question stays open. A line that was typed before anybody
-        can have read the question belongs to the previous one: the question is asked again."""
+        """Take a line as the answer to the open question. False without one, and for a line that is no answer. A line
+        typed before anybody can have read the question belongs to the previous one: the question is asked again."""
         if self._awaited_answer is None or self._awaited_answer.done() or self._interpreter.withdraws(text):
             return False
         if self._interpreter.keeps_question(text):

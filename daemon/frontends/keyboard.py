@@ -198,10 +198,7 @@ def may_read_lines(handle: int) -> bool:
 
 
 class RawKeyboard:
-    """Sends every key to `send` as a socket message, control-C to `stop`, from construction to close().
-
-    Needs a terminal.
-    """
+    """Sends every key to `send` as a socket message, control-C to `stop`, until close(). Needs a terminal."""
 
     def __init__(self, send: Callable[[dict[str, Any]], None], stop: Callable[[], None]) -> None:
         self._send, self._stop = send, stop

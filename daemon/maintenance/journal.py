@@ -41,11 +41,8 @@ MESSAGE_IDS: Mapping[str, str] = {
 
 
 def write(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
-    """Write one record: text for people, fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left
-    out.
-
-    Returns at once: a blocked journal or terminal must not delay the arm.
-    """
+    """Write one record: text for people, fields (CYCLE, PART, ...) for journalctl. Returns at once: a blocked journal
+    must not delay the arm."""
     plain = {name: printable(str(value)) for name, value in fields.items() if value is not None}
     _JOURNAL.put((kind, visible(text), priority, plain))
 
@@ -107,11 +104,8 @@ def _write(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
 
 
 def notify(*states: str) -> None:
-    """Notify systemd (sd_notify): READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing without systemd.
-
-    A line break in a state cannot make two of it. Never waits: a listener that does not read would block the main loop,
-    and with it the arm's stop.
-    """
+    """Notify systemd (sd_notify): READY=1, STATUS=..., WATCHDOG=1, ...; nothing without systemd. Never waits: a
+    listener that does not read would block the main loop, and with it the arm's stop."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return

@@ -22,10 +22,7 @@ Json = dict[str, Any]
 
 
 def write_cycle_page(folder: Path, number: int, out: Path) -> Path:
-    """Write the page of cycle `number` of the run in `folder` to `out`; returns out.
-
-    Raises RunError without that cycle or without the extra, OSError where the page cannot be written.
-    """
+    """Write the page of cycle `number` of the run in `folder`; returns out. Raises RunError, OSError."""
     with needing("plots", "the page of a cycle", RunError):
         from plotly.offline import get_plotlyjs
     run = read_digest(folder)

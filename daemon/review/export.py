@@ -34,10 +34,7 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
 
 
 def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
-    """Write one MCAP file: images, poses of arm and parts (foxglove's FrameTransform), estimates, and the log.
-
-    Raises FacetdError without mcap, OSError.
-    """
+    """Write one MCAP file: images, poses of arm and parts, estimates, and the log. Raises FacetdError, OSError."""
     with needing("export", "MCAP"):
         from mcap.writer import Writer
     with out.open("wb") as file:

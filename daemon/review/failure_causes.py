@@ -50,10 +50,8 @@ SUSPICIONS = frozenset({*SUSPECTED, DecisionCode.SUSPECT_UNCLEAR})
 
 @dataclass(frozen=True)
 class LikelyCause:
-    """A cause of the catalogue (daemon/events/codes.py) with evidence in a cycle's records.
-
-    weight: 0 to 1; evidence: in words; at: number of the record that has it.
-    """
+    """A cause with evidence in a cycle's records: weight 0 to 1; evidence in words; at: number of the record that has
+    it."""
 
     code: CauseCode
     weight: float

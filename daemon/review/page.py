@@ -37,10 +37,7 @@ WEEK = timedelta(days=7)
 
 
 def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
-    """Write the page of the run in `folder` to `out`; returns out. against: another run to compare with.
-
-    Raises RunError without a run, OSError where the page cannot be written.
-    """
+    """Write the page of a run, compared with the run `against` where given; returns out. Raises RunError, OSError."""
     run = read_digest(folder)
     data = page_data(run)
     data["skipped"] += check_wire(folder)
@@ -102,9 +99,8 @@ def render(
     library: str = "",
     shared: str = "",
 ) -> str:
-    """A page as text: the files `name`.html, .css and .js of `package` in the frame, style and script that all pages
-    share, with data and images. library: script of others that the page uses; shared: ours that other pages use
-    too."""
+    """A page as text: the files `name`.html, .css and .js of `package` in the frame that all pages share, with data and
+    images. library: script of others that it uses; shared: ours that other pages use too."""
     assets, own = (resources.files(name) / "assets" for name in ("daemon.review", package))
     style, run = own / f"{name}.css", data.get("run")
     parts = {

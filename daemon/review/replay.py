@@ -167,10 +167,7 @@ def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
 
 
 def apart_mm(then: Json, now: Json) -> float | None:
-    """Distance of two parts: the median distance of each corner to the nearest of the other part; None without corners.
-
-    It does not use poses: another model's part may have another origin.
-    """
+    """Median distance of the corners of two parts, which need no common origin; None without corners."""
     fewer, more = sorted((_corners(then), _corners(now)), key=len)
     if not len(fewer):
         return None

@@ -163,9 +163,8 @@ class ProductionLine:
         return None if name is None else await self.read(name)
 
     async def work_cup(self, closed: bool, works_s: float) -> None:
-        """Switch the vacuum on and wait; or switch it off, blow off for works_s. If the wait is cancelled, `watch`
-        switches the blow-off off and the vacuum stays. Raises the errors of the controller's line; the levels are then
-        unknown."""
+        """Switch the vacuum on and wait; or switch it off, and blow off for works_s. Where the wait is cancelled,
+        `watch` ends the blow-off. Raises the errors of the controller's line; the levels are then unknown."""
         on_by_name = {self._by_role["vacuum"]: closed}
         if "blow_off" in self._by_role:
             on_by_name[self._by_role["blow_off"]] = not closed
@@ -187,11 +186,7 @@ class ProductionLine:
 
     async def watch(self, state: PackMLState, stop_tests: int = 0) -> bool:
         """Read the inputs that a hand-shake waits for, and set the outputs that differ; returns whether the line asks
-        for a reset.
-
-        stop_tests: of the motion permission; another one means that the controller may have been switched off, its
-        outputs with it.
-        """
+        for a reset. stop_tests: another number means that the controller may have been off, and its outputs with it."""
         reset = False
         if stop_tests != self._stop_tests:
             self._stop_tests = stop_tests

@@ -243,10 +243,7 @@ class InUseError(FacetdError):
 
 
 def hold(folder: Path) -> int:
-    """Lock a folder for this process until it ends; returns the lock's handle, to be left open.
-
-    Raises InUseError, OSError.
-    """
+    """Lock a folder for this process; returns the handle, to be left open. Raises InUseError, OSError."""
     lock = folder / "lock"
     folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o640)

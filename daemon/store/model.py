@@ -146,10 +146,8 @@ class ModelFile:
 
 
 def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] | None = None) -> None:
-    """Write the model so that a power cut leaves the old file or the new one. Raises ModelError.
-
-    trained: when and by whom, for people; codes: each part's ART-b bits.
-    """
+    """Write the model so that a power cut leaves the old file or the new one. trained: when, for people; codes: of each
+    part, its ART-b bits. Raises ModelError."""
     content = to_bytes(model, trained=trained, codes=codes)
     with failing_as(ModelError, f"{path}: cannot be written"):
         write_atomically(path, content)

@@ -212,10 +212,8 @@ class ModelStore:
         return ModelSummary(file.trained, file.model.labels, ", ".join(file.model.labels))
 
     def put_candidate(self, model: Model, codes: Mapping[str, str] | None = None) -> int:
-        """Store a trained model as the candidate; returns its version. codes: each part's ART-b bits.
-
-        Raises FileError.
-        """
+        """Store a trained model as the candidate; returns its version. codes: of each part, its ART-b bits. Raises
+        FileError."""
         with self._locked():
             version = max(self.versions(), default=0) + 1
             trained = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -224,10 +222,8 @@ class ModelStore:
         return version
 
     def accept(self, version: int | None) -> tuple[int, files.ModelFile]:
-        """Take the candidate into use; returns its version and its file. version: the candidate that the caller means.
-
-        Raises FileError, with nothing changed: no candidate, another one, or an unreadable one.
-        """
+        """Take the candidate (version: the one that the caller means) into use; returns its version and its file.
+        Raises FileError, with nothing changed."""
         with self._locked():
             state = self._state()
             if state.candidate is None:

@@ -75,9 +75,8 @@ LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
 
 @dataclass(frozen=True, eq=False)
 class PlaceSpot:
-    """Where the part of a place lies. part: its label; middle_mm (3,): world mm, mean of its corners; turn (3, 3):
-    world_from_part; reach_mm: distance of its farthest corner from the middle; tolerance_mm, tolerance_deg: the
-    place's."""
+    """Where the part of a place lies: middle_mm (3,), world mm, mean of its corners; turn (3, 3): world_from_part;
+    reach_mm: distance of its farthest corner from the middle; the place's tolerances."""
 
     part: str
     middle_mm: Array

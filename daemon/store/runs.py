@@ -76,10 +76,8 @@ def find_run(runs: Path, name: str) -> Path:
 
 
 def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecords:
-    """Read all records of a run; unreadable lines are skipped and reported.
-
-    scenes_of: the looks, by seq, that keep their scene, nine tenths of a record (None: all). Raises FileError.
-    """
+    """Read all records of a run; unreadable lines are skipped and reported. scenes_of: the looks, by seq, that keep
+    their scene, nine tenths of a record (None: all). Raises FileError."""
     records: list[Record] = []
     skipped: list[str] = []
     with open_below(folder, RUN) as file:

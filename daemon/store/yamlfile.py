@@ -74,10 +74,8 @@ class Document:
         return _value(self.data, keys) is not None
 
     def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
-        """Convert to `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are errors.
-
-        at: only this section; an absent one counts as empty. Raises ConfigError.
-        """
+        """Convert to `kind`: a struct, a dataclass, or lists and mappings of them; unknown keys are errors. at: only
+        this section; an absent one counts as empty. Raises ConfigError."""
         data = _value(self.data, at) or {} if at else self.data
         if data is None:
             expected = PLAIN["object"] if _field_types(kind) else getattr(kind, "__name__", str(kind))
@@ -91,10 +89,8 @@ class Document:
             raise self._explain(error, kind, data, at) from None
 
     def without(self, obsolete: Mapping[str, str]) -> tuple[Document, list[str]]:
-        """Remove obsolete keys; returns the document and a line of text for each key removed.
-
-        obsolete: dotted key -> what replaced it, or why it was removed.
-        """
+        """Remove obsolete keys (dotted key -> what replaced it, or why it was removed); returns the document, and a
+        line of text for each key removed."""
         data, notes = self.data, []
         for name, why in obsolete.items():
             keys: tuple[Key, ...] = tuple(name.split("."))
