@@ -22,7 +22,9 @@ class Preview:
     def __init__(self, shoot: Callable[[], Shot], port: int, fps: float, errors: tuple[type[Exception], ...]) -> None:
         self._shoot, self._period_s, self._errors = shoot, 1.0 / fps, errors
         self._fresh = threading.Condition()
-        self._jpeg, self._status, self._number = b"", {"text": "waiting for the cameras", "troubles": []}, 0
+        self._jpeg, self._number = b"", 0
+        self.status: dict[str, Any] = {"text": "waiting for the cameras", "troubles": []}
+        """Of the newest image, or why there is none."""
         self._ending = threading.Event()
         preview = self
 
@@ -56,10 +58,6 @@ class Preview:
             threading.Thread(target=self._server.shutdown, daemon=True).start()
             self._server.server_close()
 
-    def status(self) -> dict[str, Any]:
-        """The status of the newest image, or why there is none."""
-        return self._status
-
     def after(self, number: int, timeout_s: float = 5.0) -> tuple[int, bytes] | None:
         """Wait for an image newer than `number`; None at the end or on timeout."""
         with self._fresh:
@@ -72,11 +70,11 @@ class Preview:
             try:
                 jpeg, status = self._shoot()
             except self._errors as error:
-                self._status = {"text": str(error), "troubles": [str(error)]}
+                self.status = {"text": str(error), "troubles": [str(error)]}
                 self._ending.wait(1.0)
                 continue
             with self._fresh:
-                self._jpeg, self._status, self._number = jpeg, status, self._number + 1
+                self._jpeg, self.status, self._number = jpeg, status, self._number + 1
                 self._fresh.notify_all()
             self._ending.wait(max(0.0, self._period_s - (time.monotonic() - started_s)))
 
@@ -94,7 +92,7 @@ class PreviewHandler(http.server.BaseHTTPRequestHandler):
         elif self.path == "/":
             self._answer("text/html; charset=utf-8", (files("daemon.cli") / "assets" / "preview.html").read_bytes())
         elif self.path == "/status.json":
-            self._answer("application/json", json.dumps(self.source.status()).encode())
+            self._answer("application/json", json.dumps(self.source.status).encode())
         elif self.path == "/picture.jpg":
             shot = self.source.after(0)
             if shot:

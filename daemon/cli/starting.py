@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from daemon.errors import FacetdError
 
 STALLED_S = 60.0
@@ -91,7 +89,7 @@ def _report(reports: socket.socket) -> dict[str, str]:
 def _processor_s(pid: int) -> float:
     """Processor time that a process has used, s; 0 where it has ended."""
     try:
-        ticks = np.array(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13], float)
+        ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
     except OSError:
         return 0.0
-    return float(np.sum(ticks)) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")

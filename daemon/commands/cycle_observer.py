@@ -18,6 +18,7 @@ from daemon.commands.placing import report_moved
 from daemon.console.context import CommandContext
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
+from daemon.events.outcomes import GRASPED
 from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd
 
@@ -77,15 +78,9 @@ class CycleObserver:
     def _note_truth(self, end: CycleEnd) -> None:
         """Record the true error of the grasp and of the set-down, which only a simulated cell knows."""
         context, hand = self._context, self._context.hardware.operator
-        if (
-            hand is None
-            or end.outcome not in ("picked", "released", "missed", "off")
-            or end.grasp is None
-            or end.corners is None
-        ):
+        if hand is None or end.outcome not in GRASPED or end.grasp is None or end.corners is None:
             return
-        truth = hand.grasp_error(end.grasp, end.corners)
-        if truth is None:
+        if (truth := hand.grasp_error(end.grasp, end.corners)) is None:
             return
         error_mm, error_deg, held = truth
         placed = None
@@ -93,12 +88,5 @@ class CycleObserver:
             axis = None if goal.axis is None else goal.axis.direction
             placed = hand.place_error(goal.place.part, goal.poses, goal.shape.corners_mm, axis)
         place_mm, place_deg = placed or (None, None)
-        context.run_log.record(
-            "truth",
-            cycle=end.cycle,
-            error_mm=error_mm,
-            error_deg=error_deg,
-            held=held,
-            place_mm=place_mm,
-            place_deg=place_deg,
-        )
+        fields = {"error_mm": error_mm, "error_deg": error_deg, "held": held}
+        context.run_log.record("truth", cycle=end.cycle, **fields, place_mm=place_mm, place_deg=place_deg)

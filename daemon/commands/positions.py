@@ -16,13 +16,8 @@ from daemon.quantities import decimal, shown
 from daemon.store.named_positions import NamedPositions
 
 AXES = {
-    "x": (0, "mm"),
-    "y": (1, "mm"),
-    "z": (2, "mm"),
-    "rx": (0, "degrees"),
-    "ry": (1, "degrees"),
-    "rz": (2, "degrees"),
-}
+    "x": (0, "mm"), "y": (1, "mm"), "z": (2, "mm"), "rx": (0, "degrees"), "ry": (1, "degrees"), "rz": (2, "degrees"),
+}  # fmt: skip
 WRITTEN = {"mm": "mm", "degrees": "deg"}
 """The unit that may follow a distance; another unit than the axis has is an error."""
 FRAMES = ("world", "tool")

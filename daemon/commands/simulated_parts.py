@@ -89,10 +89,8 @@ async def clear(context: CommandContext, words: list[str], _: Frontend) -> Comma
 async def switch(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(simulated) switch an input of the line, as a person or a PLC would."""
     name = one_of(words, 0, context.cycle.production_line.names(inputs=True), "input of facetd.yaml", switch.usage)
-    on, signal = (
-        one_of(words, 1, ("on", "off"), "word", switch.usage) == "on",
-        context.cycle.production_line.signals[name],
-    )
+    on = one_of(words, 1, ("on", "off"), "word", switch.usage) == "on"
+    signal = context.cycle.production_line.signals[name]
     _hand(context).cell.switch_input(signal.number, on is (signal.level == "high"))
     return CommandResult(f"{name} is {'on' if on else 'off'}.")
 

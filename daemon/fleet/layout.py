@@ -123,7 +123,6 @@ def _run(run: Digest) -> Row:
 
 def _cycle(cycle: Cycle, run: Digest) -> Row:
     found = causes(cycle, [c for c in run.cycles if c is not cycle])[:1]
-    placed = next(reversed(list(set_downs_of(cycle))), None)
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
         **{name: getattr(cycle, name) for name in (*plain, "model", "calibration")},
@@ -133,17 +132,13 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
         "target": cycle.records[0].get("target"),
         "tried": cycle.tried,
         "cause": next((c.code.summary for c in found), None),
-        **({} if placed is None else _placed(placed)),
+        **next(map(_placed, reversed([*set_downs_of(cycle)])), {}),
     }
 
 
 def _placed(made: PartSetDown) -> Row:
-    return {
-        "place": made.place,
-        "place_status": made.status,
-        "place_off_mm": made.off_mm,
-        "place_off_deg": made.off_deg,
-    }
+    off = {"place_off_mm": made.off_mm, "place_off_deg": made.off_deg}
+    return {"place": made.place, "place_status": made.status, **off}
 
 
 def _looks(run: Digest) -> list[Row]:

@@ -60,7 +60,9 @@ def stuck(run: Path, why: str) -> str:
 
 def flush(timeout_s: float) -> None:
     """Wait until all records are written, at most timeout_s."""
-    _JOURNAL.flush(timeout_s)
+    through = threading.Event()
+    _JOURNAL.put(through)
+    through.wait(timeout_s)
 
 
 class JournalThread:
@@ -76,11 +78,6 @@ class JournalThread:
             self._thread.start()
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(item)
-
-    def flush(self, timeout_s: float) -> None:
-        through = threading.Event()
-        self.put(through)
-        through.wait(timeout_s)
 
     def _run(self) -> None:
         while True:

@@ -82,15 +82,10 @@ def _seen(look: Record) -> list[Json]:
     if pose is None:
         return []
     world_from_cyclopean = np.array(pose, float)
+    corners_mm = [[facet["corners_mm"] for facet in part.get("facets") or []] for part in parts_of(look)]
     return [
-        {
-            "label": part["label"],
-            "facets": [
-                frames.apply(world_from_cyclopean, np.array(facet["corners_mm"], float))
-                for facet in part.get("facets") or []
-            ],
-        }
-        for part in parts_of(look)
+        {"label": part["label"], "facets": [frames.apply(world_from_cyclopean, np.array(one, float)) for one in each]}
+        for part, each in zip(parts_of(look), corners_mm, strict=True)
     ]
 
 
@@ -146,23 +141,15 @@ def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedA
 
 
 def space_of(arm: RecordedArm | None, joints: Array, way: list[list[float]]) -> Json:
-    """What is the same at every moment, and the arm's capsules at joints (N, 6) rad."""
-    return {
-        "way": way,
-        "arm": _bodies(arm, joints),
-        "table_z": None if arm is None else arm.settings.limits.table_z_mm,
-        "keep_out": []
-        if arm is None
-        else [[box.name, box.low_mm, box.high_mm] for box in arm.settings.limits.keep_out],
-    }
-
-
-def _bodies(arm: RecordedArm | None, joints: Array) -> Json | None:
-    """The arm's capsules at each moment: radius_mm (C,), ends (N, C, 2, 3)."""
-    if arm is None or not len(joints):
-        return None
-    radius, ends = arm.capsules(joints)
-    return {"radius": radius, "ends": np.round(ends, 1).tolist()}
+    """What is the same at every moment, and the arm's capsules at joints (N, 6) rad: radius (C,), ends (N, C, 2, 3)."""
+    if arm is None:
+        return {"way": way, "arm": None, "table_z": None, "keep_out": []}
+    limits, bodies = arm.settings.limits, None
+    if len(joints):
+        radius, ends = arm.capsules(joints)
+        bodies = {"radius": radius, "ends": np.round(ends, 1).tolist()}
+    keep_out = [[box.name, box.low_mm, box.high_mm] for box in limits.keep_out]
+    return {"way": way, "arm": bodies, "table_z": limits.table_z_mm, "keep_out": keep_out}
 
 
 def seconds_after(record: Record, zero: float) -> float:
