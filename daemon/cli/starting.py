@@ -16,7 +16,7 @@ STALLED_S = 60.0
 WORKED_S = 0.05
 """Processor time that counts as getting on."""
 PATIENCE_S = 10.0
-"""Time after which the person who waits is told the stage."""
+"""Time after which the stage of the start is reported."""
 POLL_S = 0.2
 
 

@@ -282,14 +282,14 @@ def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
     return lines
 
 
-def arm_line(found: ArmError, reckoned: Doubt) -> str:
+def arm_line(found: ArmError, configured: Doubt) -> str:
     """The measured accuracy of the arm, compared with the configured one."""
     text = f"arm accuracy: {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
-    if found.mm <= ARM_WORSE * reckoned.arm_mm and found.deg <= ARM_WORSE * reckoned.arm_deg:
+    if found.mm <= ARM_WORSE * configured.arm_mm and found.deg <= ARM_WORSE * configured.arm_deg:
         return text
     here = f"pick: {{doubt: {{arm_mm: {found.mm:.2f}, arm_deg: {found.deg:.3f}}}}}"
     return (
-        f"{text}; pick.doubt assumes {reckoned.arm_mm:g} and {reckoned.arm_deg:g}: "
+        f"{text}; pick.doubt assumes {configured.arm_mm:g} and {configured.arm_deg:g}: "
         f"write `{here}` into facetd.yaml, or check the arm for wear"
     )
 

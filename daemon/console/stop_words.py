@@ -9,7 +9,7 @@ WITHDRAW = ("disable", "abort")
 SHORTEST_STOP = 3
 """Letters of a stop word that no other command begins with."""
 STOP_MARKS = "!.,;'\""
-"""Characters that may stand behind a stop typed in haste."""
+"""Characters that may follow a stop typed in haste."""
 LINE_END = re.compile("\r\n|\r|\n")
 """Line ends of terminals, files and clipboards."""
 ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")

@@ -128,14 +128,14 @@ def _collect(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from daemon.fleet.replay_many import replay_with
+    from daemon.fleet.replay_many import replay_here, replay_with
     from daemon.fleet.replay_results import differences, summed
 
     chosen = replay_with(args.chosen)
     failed: list[str] = []
     out: str | None = args.out
     if out is None and args.workers is None and args.cluster is None and not any(map(_is_store, args.folders)):
-        results = _replay_here(args, chosen)
+        results = replay_here(map(Path, _folders_of(args)), chosen)
     else:
         results, failed, out = _replay_many(args, chosen)
     total, found = summed(results), differences(results)
@@ -179,14 +179,6 @@ def _in_words(total: dict[str, Any]) -> str:
 
 def _is_store(name: str) -> bool:
     return "://" in name or (Path(name) / COLLECTED).is_dir()
-
-
-def _replay_here(args: argparse.Namespace, chosen: Any) -> list[tuple[str, Any]]:
-    from daemon.fleet.replay_many import cell_of, replay_here
-    from daemon.review.page import read_digest
-
-    runs = [(folder, read_digest(folder)) for folder in map(Path, _folders_of(args))]
-    return replay_here([(cell_of(folder, run), folder, run) for folder, run in runs], chosen)
 
 
 def _folders_of(args: argparse.Namespace) -> list[str]:

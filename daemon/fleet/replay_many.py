@@ -138,10 +138,11 @@ def jobs_of(runs: Iterable[Run], chosen: ReplayWith, out: str) -> list[ReplayJob
     return found
 
 
-def replay_here(runs: Iterable[tuple[str, Path, Digest]], chosen: ReplayWith) -> list[tuple[str, Json]]:
+def replay_here(folders: Iterable[Path], chosen: ReplayWith) -> list[tuple[str, Json]]:
     """Replay local runs one after the other in this process; returns (cell, result) pairs."""
     using, library = chosen.using(), load_facets(FACETS)
-    return [(cell, result_of(run, replayed_looks(folder, run, library, using))) for cell, folder, run in runs]
+    runs = [(folder, read_digest(folder)) for folder in folders]
+    return [(cell_of(folder, run), result_of(run, replayed_looks(folder, run, library, using))) for folder, run in runs]
 
 
 def work(job: ReplayJob) -> str:

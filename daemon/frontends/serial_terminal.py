@@ -181,20 +181,20 @@ class SerialFrontend:
             self._terminal_left.set()
 
     def _handle(self, event: str | EditorKey) -> None:
-        if isinstance(event, str) and ends_in_stop(self._interrupted_input, event):
-            event = "stop"
-        self._interrupted_input.clear()
+        begun, self._interrupted_input = self._interrupted_input, []
         if event is EditorKey.INTERRUPT:
             self._queue.start_now(self._stop)
-        elif event == "" and (self._unshown or not self._queue.asking):
+        if isinstance(event, EditorKey):
+            return
+        line = "stop" if ends_in_stop(begun, event) else event
+        if line == "" and (self._unshown or not self._queue.asking):
             self._write(ASK_SIZE + self._editor.show_prompt())  # Enter at an idle terminal
-        elif isinstance(event, str) and not self._unshown and self._queue.answer(event):
-            pass
-        elif isinstance(event, str) and not self._queue.has_room_for(event):
-            self.notice(CROWDED)
-        elif isinstance(event, str):
-            self._queue.take(event, self._answered)
-            self._set_prompt()
+        elif self._unshown or not self._queue.answer(line):
+            if self._queue.has_room_for(line):
+                self._queue.take(line, self._answered)
+                self._set_prompt()
+            else:
+                self.notice(CROWDED)
 
     async def _answered(self, answer: CommandResult) -> None:
         self._set_prompt()

@@ -121,10 +121,11 @@ def nanoseconds_of(record: dict[str, Any]) -> int:
 
 Row = dict[str, Any]
 
-CYCLE_COLUMNS = (
-    "cell", "day", "run", "cycle", "started", "seconds", "label", "outcome", "looks", "predicted_mm", "predicted_deg",
-    "true_mm", "true_deg", "why", "model", "calibration",
+OF_CYCLE = (
+    "started", "seconds", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why",
+    "model", "calibration",
 )  # fmt: skip
+CYCLE_COLUMNS = ("cell", "day", "run", "cycle", *OF_CYCLE)
 LOOK_COLUMNS = (
     "cell", "day", "run", "seq", "cycle", "stop", "purpose", "taken", "ms", "parts", "named", "labels",
     "best_confidence", "residual_mm", "epipolar_px", "noise", "predicted_mm", "chi2",
@@ -138,14 +139,10 @@ def tables(run: Digest, cell: str) -> dict[str, tuple[tuple[str, ...], list[Row]
 
 def cycle_rows(run: Digest, cell: str) -> list[Row]:
     """Return one row a cycle, with CYCLE_COLUMNS."""
-    plain = (
-        *("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why"),
-        *("model", "calibration"),
-    )
     return [
-        {"cell": cell, "run": run.name}
-        | {name: getattr(cycle, name) for name in plain}
-        | {"day": cycle.started[:10], "cycle": cycle.number, "seconds": round(cycle.seconds, 3)}
+        {name: getattr(cycle, name) for name in OF_CYCLE}
+        | {"cell": cell, "run": run.name, "day": cycle.started[:10]}
+        | {"cycle": cycle.number, "seconds": round(cycle.seconds, 3)}
         for cycle in run.cycles
     ]
 

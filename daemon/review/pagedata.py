@@ -94,7 +94,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
 
 
 LAID: dict[str, str] = {PlaceStatus.SET: "let go", PlaceStatus.OFF: "seen off", PlaceStatus.MISSING: "not seen"}
-"""Text for a part laid down, where the status by itself does not say it."""
+"""Text for a part placed on the table, by its status; other statuses are their own text."""
 
 
 def _decided(record: Record) -> Json:

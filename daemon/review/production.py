@@ -146,13 +146,13 @@ def compared(before: Json, now: Json) -> list[Json]:
     matters: `better` or `worse` where a share differs by more than two standard errors, or a time or an error by more
     than a tenth; else None.
     """
-    rows = [_row(name, before[key], now[key], unit, lower, 0.1) for name, key, unit, lower in PLAIN]
-    share = {name: (p["picked"], p["tried"]) for name, p in (("before", before), ("now", now))}
-    rows.insert(0, _share_row("picked of tried", share["before"], share["now"]))
-    for label in sorted({*before["parts"], *now["parts"]}):
-        old, new = before["parts"].get(label, [0, 0]), now["parts"].get(label, [0, 0])
-        rows.append(_share_row(label, (old[0], old[1]), (new[0], new[1])))
-    return rows
+    picked, picked_now = ([each["picked"], each["tried"]] for each in (before, now))
+    labels = sorted({*before["parts"], *now["parts"]})
+    return [
+        _share_row("picked of tried", picked, picked_now),
+        *(_row(name, before[key], now[key], unit, lower) for name, key, unit, lower in PLAIN),
+        *(_share_row(label, *(each["parts"].get(label, [0, 0]) for each in (before, now))) for label in labels),
+    ]
 
 
 PLAIN = (
@@ -167,21 +167,23 @@ PLAIN = (
     ("interventions", "interventions", "", True),
 )
 """Name, key, unit, whether less is better."""
+TENTH = 0.1
+"""A figure that differs by more than this share of it matters."""
 
 
-def _row(name: str, before: Any, now: Any, unit: str, lower: bool, by: float) -> Json:
+def _row(name: str, before: Any, now: Any, unit: str, lower: bool) -> Json:
     row: Json = {"name": name, "before": before, "now": now, "unit": unit, "delta": None, "matters": None}
     if before is None or now is None:
         return row
     row["delta"] = now - before
-    if abs(now - before) > by * max(abs(before), 1e-9) and now != before:
+    if abs(now - before) > TENTH * max(abs(before), 1e-9) and now != before:
         row["matters"] = "better" if (now < before) == lower else "worse"
     return row
 
 
-def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json:
+def _share_row(name: str, before: list[int], now: list[int]) -> Json:
     """A row of two shares [part, of]; the difference in percent."""
-    row: Json = {"name": name, "before": list(before), "now": list(now), "unit": "%", "delta": None, "matters": None}
+    row: Json = {"name": name, "before": before, "now": now, "unit": "%", "delta": None, "matters": None}
     if not before[1] or not now[1]:
         return row
     gap, sigma = shares_apart(before, now)

@@ -87,7 +87,7 @@ def _of_jpeg(content: bytes) -> int | None:
     at = 2
     while content[at : at + 1] == b"\xff":
         marker = int.from_bytes(content[at + 1 : at + 2], "big")
-        if marker == 0xFF:  # may stand before a marker any number of times
+        if marker == 0xFF:  # any number of these may precede a marker
             at += 1
         elif marker in ALONE:
             at += 2

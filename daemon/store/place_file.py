@@ -390,6 +390,5 @@ def _cells(entry: PatternEntry) -> Iterator[tuple[int, int, int]]:
             yield from ((layer, row, column) for column, row in product(range(entry.columns), range(entry.rows)))
             continue
         for row in range(entry.rows):
-            back = entry.order == "snake" and row % 2 == 1
-            columns = range(entry.columns - 1, -1, -1) if back else range(entry.columns)
-            yield from ((layer, row, column) for column in columns)
+            step = -1 if entry.order == "snake" and row % 2 == 1 else 1
+            yield from ((layer, row, column) for column in range(entry.columns)[::step])

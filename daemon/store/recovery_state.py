@@ -67,10 +67,10 @@ def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Recove
             auto = fields.get("auto")
             change |= {"run": fields.get("run") or before.run, "in_doubt": True,
                        "hand_closed": bool(fields.get("hand_closed")), "auto": auto and read_order(auto)}  # fmt: skip
-        case "cycle_start" | "cycle_end":
-            begins = kind == "cycle_start"
-            change = {"cycle": fields.get("cycle"), "label": fields.get("target")} if begins else {}
-            change = change or {"cycle": None, "label": None}
+        case "cycle_start":
+            change = {"cycle": fields.get("cycle"), "label": fields.get("target")}
+        case "cycle_end":
+            change = {"cycle": None, "label": None}
         case "estimate":
             change = {"label": fields.get("label")}
         case "fault":
