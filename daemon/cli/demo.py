@@ -155,8 +155,7 @@ def _variety(args: argparse.Namespace) -> dict[str, str]:
 
 
 def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon. Idle cameras are not checked: each frame draws noise, and a seed would not
-    repeat a run. Raises ConfigError."""
+    """facetd.yaml of the demo's daemon. Idle cameras are not checked: a seed would not repeat a run."""
     from daemon.config import load_config
 
     config = load_config(folders.ETC / ("fixed" if args.fixed else "") / "facetd.yaml", simulated=True)
@@ -297,8 +296,7 @@ def _faulted(rows: Sequence[dict[str, Any]]) -> bool:
 
 
 def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo_kit.KitResult:
-    """Bring the four parts to the nests of a plate, taught from their drawings as well: a part is turned only to known
-    sides. Returns what became of them."""
+    """Bring the parts, taught from drawings as well (their hidden sides), to the nests of a plate."""
     say("\nthe kit: the same parts from their drawings, with the sides that were never shown")
     nests = demo_kit.NESTS
     _teach_drawings(link, {nest.part: nest.drawing for nest in nests})

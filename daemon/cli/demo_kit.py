@@ -60,8 +60,7 @@ def write_truth(cell: Path, out: Path) -> None:
 
 
 def places_yaml(edges_mm: Mapping[str, Sequence[Sequence[float]]]) -> str:
-    """places.yaml of the kit: the plate's walls, and a nest for each taught part. edges_mm: for each label, the lengths
-    of the edges of each side in order."""
+    """places.yaml of the kit. edges_mm: for each label taught, the lengths of the edges of each side in order."""
     solid = [{"low_mm": list(low), "high_mm": list(high)} for low, high in WALLS]
     places = {nest.name: _entry(nest, edges_mm[nest.part]) for nest in NESTS if nest.part in edges_mm}
     plate = {"point_mm": list(PLATE_MM), "solid": solid}

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
     from daemon.vision.values import Scene
 
 
+CALIBRATION: Mapping[str, Any] = {
+    "type": Path, "required": True, "metavar": "FILE", "help": "calibration.yaml of the pictures"
+}  # fmt: skip
+
+
 class ListedView(msgspec.Struct, forbid_unknown_fields=True):
     left: str
     right: str
@@ -34,9 +39,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add `recognise`, `train` and `model` to facetctl."""
     _register_recognise(subparsers)
     train = subparsers.add_parser("train", help="teach views from image files, and drawings, and write a model")
-    train.add_argument(
-        "--calibration", type=Path, required=True, metavar="FILE", help="calibration.yaml of the pictures"
-    )
+    train.add_argument("--calibration", **CALIBRATION)
     train.add_argument("--views", type=Path, metavar="YAML", help="a list of {left, right, label}")
     train.add_argument(
         "--mesh",
@@ -65,9 +68,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
-    recognise.add_argument(
-        "--calibration", type=Path, required=True, metavar="FILE", help="calibration.yaml of the pictures"
-    )
+    recognise.add_argument("--calibration", **CALIBRATION)
     recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
     recognise.add_argument("--json", action="store_true", help="one JSON object a line (the default)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")

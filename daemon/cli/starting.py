@@ -26,8 +26,7 @@ class StartError(FacetdError):
 
 @contextlib.contextmanager
 def listener(folder: Path) -> Iterator[socket.socket]:
-    """A socket in a folder for NOTIFY_SOCKET, where the daemon reports its start as it does to systemd. It is removed
-    afterwards, so that another daemon can start there."""
+    """A socket in a folder, removed afterwards, for NOTIFY_SOCKET, where the daemon reports its start."""
     path = folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as made:
         made.bind(str(path))

@@ -269,9 +269,7 @@ def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
     """The error at a grasp that calibration and arm leave from each stand-off, and the error that a grasp allows."""
     stops = settings.stops
     least = [(mm, least_error(mount, mm, settings.doubt)) for mm in stops.stand_offs_mm]
-    each = ", ".join(
-        f"{error.predicted_mm:.2f} mm and {error.predicted_deg:.2f} deg from {mm:g} mm" for mm, error in least
-    )
+    each = ", ".join(f"{err.predicted_mm:.2f} mm and {err.predicted_deg:.2f} deg from {mm:g} mm" for mm, err in least)
     lines = [
         f"Error at a grasp by calibration and arm alone: {each}. A grasp needs {stops.enough_mm:g} mm and "
         f"{stops.enough_deg:g} deg (pick.stops)."

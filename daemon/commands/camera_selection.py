@@ -94,8 +94,7 @@ async def _camera_problems(context: CommandContext) -> dict[CameraName, str]:
 
 
 async def remaining_camera(context: CommandContext, cause: FaultCause) -> tuple[CameraName, str] | None:
-    """The only camera that still works after a camera fault, and the problem of the other one. None where both work, or
-    none does, or the fault has another cause."""
+    """The camera that still works after a fault of the other, and that one's problem; else None."""
     hardware = context.hardware
     if (
         cause.source not in CAMERA_SOURCES

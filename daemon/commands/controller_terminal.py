@@ -220,8 +220,7 @@ class Typist:
             send(key)
 
     def _is_stop(self) -> bool:
-        """Whether the line that ends here is a stop, also where its letters counted as an answer or came too soon for
-        one; then stop the arm."""
+        """Stop the arm where the line that ends here is a stop, even one typed as an answer or too soon for one."""
         text = self._plain.decode("latin-1")
         self._plain.clear()
         stops = means_stop(text) or means_stop(self._line.decode("latin-1"))

@@ -53,8 +53,7 @@ class PendingMoveReminder:
         self._reported: tuple[Waiting | None, float] = None, 0.0
 
     def due(self, waiting: Waiting | None) -> str | None:
-        """The line to show: once when a move begins to wait, then a short one every REMIND_S, as a narrow screen has
-        few lines. None where nothing is due."""
+        """The line to show when a move begins to wait, and a short one every REMIND_S; None where nothing is due."""
         now_s, (reported, reported_s) = time.monotonic(), self._reported
         if waiting is reported and (waiting is None or now_s < reported_s + REMIND_S):
             return None
@@ -74,14 +73,12 @@ async def report_waiting_move(context: CommandContext) -> None:
             context.notices.tell(line)
 
 
-async def _ask_to_send(
-    context: CommandContext, waiting: Waiting, work: asyncio.Future[Any], frontend: Frontend
-) -> None:
+async def _ask_to_send(context: CommandContext, waiting: Waiting, job: asyncio.Future[Any], frontend: Frontend) -> None:
     """Ask whether to send the waiting move, as long as it waits: another operator may decide, or stop the arm."""
     hold = context.cycle.supervisor.hold
     asking = asyncio.ensure_future(yes_or_no(frontend, f"{waiting.text}. Send it? [y/n]"))
-    while not (asking.done() or work.done()) and hold.waiting is waiting:
-        await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
+    while not (asking.done() or job.done()) and hold.waiting is waiting:
+        await asyncio.wait([asking, job], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
     if asking.done() and hold.waiting is waiting:
         with contextlib.suppress(RefusedError):  # another operator has just decided
             decide(context, asking.result() is True)
@@ -95,16 +92,14 @@ def _progress(state: dict[str, Any]) -> str:
 
 
 def refuse_hasty_confirm(context: CommandContext) -> None:
-    """Refuse a `confirm` that was typed for the previous move: of two operators who confirm one move, the slower would
-    send the next one. Raises CommandError."""
+    """Refuse a `confirm` meant for the previous move, which another operator confirmed. Raises CommandError."""
     hold = context.cycle.supervisor.hold
     if hold.waiting is not None and hold.pending_s < READ_S:
         raise CommandError(f"not sent, this move came up less than 1 s ago: {hold.waiting.text}; `confirm` sends it")
 
 
 def refuse_hasty_resume(context: CommandContext, frontend: Frontend) -> None:
-    """Refuse a `resume` that was typed before its operator could read of another operator's pause: it was meant for
-    another pause, or for a fault. Raises CommandError."""
+    """Refuse a `resume` typed before its operator could read of another's pause. Raises CommandError."""
     hold = context.cycle.supervisor.hold
     if hold.paused and hold.paused_s < READ_S and hold.paused_by != frontend.who:
         raise CommandError(f"not resumed: {hold.paused_by} paused less than 1 s ago; `resume` again to continue")

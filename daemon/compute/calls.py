@@ -22,5 +22,4 @@ class Compute(Protocol):
     """Runs a calculation outside the event loop."""
 
     async def __call__(self, function: Callable[..., Result], /, *args: Any) -> Result:
-        """Returns or raises what a module-level function does for these values, which must not change meanwhile. Raises
-        ComputeError."""
+        """Return or raise what a module-level function does for these values. Raises ComputeError."""

@@ -67,8 +67,7 @@ class Frontend(Protocol):
         """The content of a file on the operator's computer. Raises CommandError."""
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
-        """Terminal mode: pass every key to `typed` until control-] or until the operator disconnects. Raises
-        CommandError where there is no terminal."""
+        """Pass every key to `typed` until control-]. Raises CommandError where there is no terminal."""
 
     def show(self, data: bytes) -> None:
         """Write raw bytes to the operator's terminal; only in terminal mode."""
@@ -247,8 +246,7 @@ class Interpreter:
         return self.means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
 
     def means_stop(self, text: str) -> bool:
-        """Whether a line stops the arm: also where `stop` was typed behind half of another line (`go hostop`), unless
-        that is a name, or the command takes any word."""
+        """Whether a line stops the arm, also behind half of another line (`go hostop`) that is no known name."""
         return means_stop(text) or (ends_as_a_stop(text) and not self._is_known(text))
 
     def _is_known(self, text: str) -> bool:
@@ -345,8 +343,7 @@ def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
-    """The argument at an index, which must be one of the choices. what: its kind, `word` for a keyword. Raises
-    CommandError with what to type instead."""
+    """The argument at an index, one of the choices. what: its kind, `word` for a keyword. Raises CommandError."""
     allowed = sorted(choices)
     keyword = what == "word" and len(allowed) > 0
     if len(words) <= place:
@@ -391,8 +388,7 @@ def number(word: str, what: str, low: int, high: int) -> int:
 
 
 async def yes_or_no(frontend: Frontend, question: str) -> bool | None:
-    """Ask until the answer is yes or no, and report other answers as ignored. None where there is no answer: the
-    operator stopped the arm or disconnected."""
+    """Ask until the answer is yes or no; None where the operator stopped the arm or disconnected."""
     for _ in range(MAX_QUESTIONS):
         answer = (await frontend.ask(question)).strip()
         if not answer or is_yes(answer) or is_no(answer):

@@ -198,10 +198,9 @@ def _drifts(cell: Json) -> list[tuple[str, str]]:
     for axis in AXES:
         measured = [turn for turn in cell["turn"][axis] if turn is not None]
         usual = cell["usual"][axis]
-        if measured and usual is not None and abs(measured[-1] - usual) > NEAR * DriftSettings().stop_deg:
-            found.append(
-                ("drifts", f"{axis} of the right camera {measured[-1] - usual:+.2f} degrees since calibration")
-            )
+        turned = measured[-1] - usual if measured and usual is not None else 0.0
+        if abs(turned) > NEAR * DriftSettings().stop_deg:
+            found.append(("drifts", f"{axis} of the right camera {turned:+.2f} degrees since calibration"))
     return found
 
 

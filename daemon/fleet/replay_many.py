@@ -86,8 +86,7 @@ class ReplayJob:
 
 
 def replay_with(names: Sequence[str]) -> ReplayWith:
-    """Interpret each `--with`: a model (a file, 3, latest), a calibration, or the section `vision` of a facetd.yaml.
-    Raises StoreError, FileError."""
+    """Interpret each `--with`: a model, a calibration, or a facetd.yaml (vision). Raises StoreError, FileError."""
     files: dict[str, str] = {}
     settings: VisionSettings | None = None
     for name in names:

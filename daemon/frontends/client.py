@@ -62,8 +62,7 @@ class DaemonLink:
     """One connection to the running daemon."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """Connect to the socket at path, or to the first of the usual ones. Raises DaemonUnreachableError, or
-        StopUnansweredError where control-C was pressed meanwhile."""
+        """Connect to path, or to the first usual socket. Raises DaemonUnreachableError, StopUnansweredError."""
         self._path = path
         self._paths = [path] if path is not None else socket_candidates()
         self._keyboard: RawKeyboard | None = None

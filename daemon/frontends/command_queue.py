@@ -219,8 +219,7 @@ class CommandQueue:
         return await (self._reporting_stop(work) if self._interpreter.withdraws(text) else work)
 
     async def _reporting_stop(self, work: Awaitable[T]) -> T:
-        """Await a stop; meanwhile show that the controller answers: that it has not confirmed the stop yet, or still
-        reports whether the arm is at rest."""
+        """Await a stop; meanwhile show that the controller answers and has not confirmed it yet."""
         signs = asyncio.create_task(self._report_stop())
         try:
             return await work

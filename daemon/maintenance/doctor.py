@@ -123,9 +123,8 @@ def _calibration(config: Config, _: bool) -> Iterator[CheckResult]:
         ("epipolar", quality.epipolar_px, GOOD_EPIPOLAR_PX),
     ):
         if value is not None and value > good:
-            yield CheckResult(
-                "bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Repeat the calibration"
-            )
+            found = f"{name} error {value:.2f} px, more than {good}"
+            yield CheckResult("bad", "calibration", found, "Repeat the calibration")
     if calibration.hand_eye is None:
         mend = "Run `facetctl calibrate hand-eye`; until then only `robot` can move the arm"
         yield CheckResult("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
@@ -235,9 +234,8 @@ def _clock(config: Config, _: bool) -> Iterator[CheckResult]:
     newest = max((run.stat().st_mtime for run in list_runs(config.runs)), default=0.0)
     if year < EARLIEST_YEAR or newest > time.time() + 60:
         found = f"the clock shows {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which is wrong"
-        yield CheckResult(
-            "bad", "clock", found, "Set it, or enable systemd-timesyncd; the times in the run log depend on it"
-        )
+        mend = "Set it, or enable systemd-timesyncd; the times in the run log depend on it"
+        yield CheckResult("bad", "clock", found, mend)
     else:
         yield CheckResult("good", "clock", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")
 
@@ -252,9 +250,8 @@ def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
     )  # fmt: skip
     unit = dict(line.split("=", 1) for line in shown.stdout.splitlines() if "=" in line)
     if unit.get("LoadState") != "loaded":
-        yield CheckResult(
-            "note", "unit", "facetd.service is not installed", "Install the package: sudo apt install ./facetd_*.deb"
-        )
+        mend = "Install the package: sudo apt install ./facetd_*.deb"
+        yield CheckResult("note", "unit", "facetd.service is not installed", mend)
     else:
         restarts = unit.get("NRestarts", "0")
         level: CheckLevel = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"

@@ -41,8 +41,7 @@ MESSAGE_IDS: Mapping[str, str] = {
 
 
 def write(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
-    """Write one record: text for people, fields (CYCLE, PART, ...) for journalctl. Returns at once: a blocked journal
-    must not delay the arm."""
+    """Write one record, text and fields (CYCLE, PART, ...). Returns at once: it must not delay the arm."""
     plain = {name: printable(str(value)) for name, value in fields.items() if value is not None}
     _JOURNAL.put((kind, visible(text), priority, plain))
 

@@ -14,8 +14,7 @@ from daemon.teaching.trainer import Trainer
 
 @dataclass
 class Troubles:
-    """The active troubles: source -> one line of text. on_change(source, text or None) is called at each change.
-    causes: source -> cause, where it is known."""
+    """Active troubles and their causes, by source. on_change(source, text or None) is called at each change."""
 
     on_change: Callable[[str, str | None], None] = lambda _, __: None
     active: dict[str, str] = field(default_factory=dict)

@@ -50,8 +50,7 @@ SUSPICIONS = frozenset({*SUSPECTED, DecisionCode.SUSPECT_UNCLEAR})
 
 @dataclass(frozen=True)
 class LikelyCause:
-    """A cause with evidence in a cycle's records: weight 0 to 1; evidence in words; at: number of the record that has
-    it."""
+    """A cause with evidence in a cycle's records. weight: 0 to 1; at: number of the record."""
 
     code: CauseCode
     weight: float

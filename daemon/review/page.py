@@ -26,8 +26,7 @@ from daemon.store.runs import RunError, check_wire, list_runs, read_run
 from daemon.store.yamlfile import LARGEST_BYTES
 
 PAGE_BYTES = 4_800_000
-"""Largest size, bytes, of a page beside its program, so that it opens fast and can be sent. Failed cycles have their
-looks and images first, then the newest."""
+"""Largest size, bytes, of a page beside its program. Failed cycles have their looks and images first."""
 DETAIL_BYTES = 6_000_000
 """Largest part of it, bytes, for what a page shows of opened cycles, before it is compressed to about a fourth."""
 LINK_BYTES = 50

@@ -93,24 +93,21 @@ def replayed_looks(
             continue
         if chosen is not None and record["seq"] not in chosen:
             continue
-        rig, model = using.rig or _rig(folder, kept.get("calibration"), rigs), _model(folder, kept.get("model"), models)
+        rig = using.rig or _rig(folder, kept.get("calibration"), rigs)
+        model = using.model or _model(folder, kept.get("model"), models) or untaught
         pair = _pictures(folder, record)
         if pair is None:
             yield f"look {record['seq']}: its pictures are not in the run folder"
             continue
         moved = places_of(record.get("moved"))
         taken_by = rig if moved is None else moved.rig(rig)
-        scene = look(
-            *pair, taken_by, using.model or model or untaught, settings, thread_time, table_of(record.get("table"))
-        )
+        scene = look(*pair, taken_by, model, settings, thread_time, table_of(record.get("table")))
         if moved is not None:
             scene = with_arm(scene, taken_by, moved.arm)
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
         found = compare(then, now, whole, using.model is None)
-        changes = tuple(
-            ReplayChange(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found
-        )
+        changes = tuple(ReplayChange(int(record["seq"]), record.get("cycle"), *change) for change in found)
         yield ReplayedLook(record, now, changes, untimed(then) == untimed(now) if whole else not found)
 
 

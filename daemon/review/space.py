@@ -127,9 +127,8 @@ def joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:
 
 def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedArm | None) -> list[list[float]]:
     """The path of the tool centre point, mm in the world: straight moves by their ends, joint moves sampled."""
-    how = {
-        after["seq"]: move.get("how") for move, after in pairwise(r for r in records if r["kind"] in ("move", "moved"))
-    }
+    moves = pairwise(record for record in records if record["kind"] in ("move", "moved"))
+    how = {after["seq"]: move.get("how") for move, after in moves}
     points: list[Array] = []
     for before, after in zip([None, *arrivals], arrivals, strict=False):
         if before is not None and arm is not None and how.get(after["seq"]) == "joint":

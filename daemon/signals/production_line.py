@@ -100,8 +100,7 @@ class ProductionLine:
         return role in self._by_role
 
     async def read(self, name: str) -> bool:
-        """Read an input. Raises SignalError, and the errors of the controller's line. A PLC that is not connected
-        counts as off, which is no change of the signal."""
+        """Read an input; one of a PLC that is not connected is off. Raises SignalError, errors of the line."""
         if name not in self.signals:
             return self._read_plc(name)
         signal = self.signals[name]
@@ -219,17 +218,15 @@ class ProductionLine:
         """Switch outputs. Raises the errors of the controller's line; the levels are then unknown."""
         await self._set_levels(on_by_name, self._io.set_outputs)
 
-    async def _set_levels(
-        self, on_by_name: Mapping[str, bool], send: Callable[[Sequence[int]], Awaitable[None]]
-    ) -> None:
-        for name in on_by_name:
+    async def _set_levels(self, wanted: Mapping[str, bool], send: Callable[[Sequence[int]], Awaitable[None]]) -> None:
+        for name in wanted:
             self.levels.pop(name, None)
         numbers = [
             self.signals[name].number if on is (self.signals[name].level == "high") else -self.signals[name].number
-            for name, on in on_by_name.items()
+            for name, on in wanted.items()
         ]
         await send(numbers)
-        for name, on in on_by_name.items():
+        for name, on in wanted.items():
             self._update(name, self.signals[name].role, on)
 
     def forget(self) -> None:

@@ -63,14 +63,12 @@ def load_facets(path: Path = FACETS) -> FacetLibrary:
     document = read(path)
     file = document.convert(_Facets)
     types = tuple(_facet_type(document, i, f) for i, f in enumerate(file.facets))
-    for key in ("name", "number"):
-        seen = [getattr(t, key) for t in types]
+    values: dict[str, list[object]] = {"name": [t.name for t in types], "type_number": [t.number for t in types]}
+    for key, seen in values.items():
         for i, value in enumerate(seen):
             if value in seen[:i]:
-                field = "type_number" if key == "number" else key
-                raise document.error(
-                    ("facets", i, field), f"{value} is already that of {types[seen.index(value)].name}"
-                )
+                first = types[seen.index(value)].name
+                raise document.error(("facets", i, key), f"{value} is already that of {first}")
     return FacetLibrary(types, float(np.deg2rad(file.tolerance.angle_deg)), file.tolerance.ratio)
 
 

@@ -146,8 +146,7 @@ class ModelFile:
 
 
 def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] | None = None) -> None:
-    """Write the model so that a power cut leaves the old file or the new one. trained: when, for people; codes: of each
-    part, its ART-b bits. Raises ModelError."""
+    """Write the model, whole or not at all. trained: when; codes: of each part, its ART-b bits. Raises ModelError."""
     content = to_bytes(model, trained=trained, codes=codes)
     with failing_as(ModelError, f"{path}: cannot be written"):
         write_atomically(path, content)

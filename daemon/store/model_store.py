@@ -212,8 +212,7 @@ class ModelStore:
         return ModelSummary(file.trained, file.model.labels, ", ".join(file.model.labels))
 
     def put_candidate(self, model: Model, codes: Mapping[str, str] | None = None) -> int:
-        """Store a trained model as the candidate; returns its version. codes: of each part, its ART-b bits. Raises
-        FileError."""
+        """Store a model as the candidate; returns its version. codes: ART-b bits of each part. Raises FileError."""
         with self._locked():
             version = max(self.versions(), default=0) + 1
             trained = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

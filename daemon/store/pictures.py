@@ -38,8 +38,7 @@ class PictureError(FileError):
 
 
 def read_grey(path: Path, folder: Path | None = None) -> NDArray[np.uint8]:
-    """Read an image as (H, W) grey, 8 bits. folder: the path is relative to it and must stay inside. Raises
-    FileError."""
+    """Read an image as (H, W) grey, 8 bits. folder: the path is inside it, and relative. Raises FileError."""
     return np.asarray(_decoded(path, folder, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 

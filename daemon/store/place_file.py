@@ -364,16 +364,14 @@ def _corner(document: Document, file: PlacesFile, name: str, key: str, corner: P
     return np.array(corner)
 
 
-def _check_grid(
-    document: Document, keys: tuple[Key, ...], entry: PatternEntry, along_row: Array, along_column: Array
-) -> None:
+def _check_grid(document: Document, keys: tuple[Key, ...], entry: PatternEntry, row: Array, column: Array) -> None:
     if entry.layers > 1 and entry.layer_mm is None:
         raise document.error((*keys, "layer_mm"), "expected the distance of the layers, found nothing")
-    for key, count, along in (("row_end_mm", entry.columns, along_row), ("column_end_mm", entry.rows, along_column)):
+    for key, count, along in (("row_end_mm", entry.columns, row), ("column_end_mm", entry.rows, column)):
         if count > 1 and np.linalg.norm(along) < 1.0:
             raise document.error((*keys, key), f"expected the last of {count} places, found the first")
     if entry.columns > 1 and entry.rows > 1:
-        cosine = float(along_row @ along_column / (np.linalg.norm(along_row) * np.linalg.norm(along_column)))
+        cosine = float(row @ column / (np.linalg.norm(row) * np.linalg.norm(column)))
         off_deg = abs(90.0 - float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))))
         if off_deg > SQUARE_DEG:
             raise document.error(keys, f"rows and columns are {off_deg:.1f} degrees off square, {SQUARE_DEG:g} at most")

@@ -110,8 +110,7 @@ class _Spot(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class _State(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, frozen=True):
-    """A stored status. number: counts up with each write, so that the later of two is known; spot: where the place was
-    then, None from an earlier release."""
+    """A stored status. number: counts the writes; spot: where the place was then, None from an earlier release."""
 
     status: PlaceStatus
     off_mm: Annotated[float, Meta(ge=0, le=1e6)] | None = None

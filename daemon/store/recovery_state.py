@@ -129,8 +129,7 @@ class RecoveryFile(OpenFile):
 
 
 def read_interrupted_state(path: Path, ran_before: bool) -> RecoveryState | None:
-    """The state that the last daemon left where a person must check the cell, else None. A lost or damaged file counts
-    as such a state: the gripper may hold a part."""
+    """The state to check that the last daemon left, else None. A lost or damaged file counts as one."""
     try:
         content = read_file(path, 2 * SLOT)
     except FileError as error:

@@ -87,8 +87,7 @@ class RunLog:
         return not self._run.lines.in_place
 
     def record(self, kind: str, /, **fields: Any) -> None:
-        """Append one line; arrays, numpy scalars and paths become plain JSON. images: {name: (H, W) uint8}, written as
-        images/<seq>-<name>.png."""
+        """Append one line of JSON. images: {name: (H, W) uint8}, written as images/<seq>-<name>.png."""
         written = threading.Event()
         with self._lock:
             run, seq = self._run, self._run.take_number()

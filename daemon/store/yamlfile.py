@@ -7,7 +7,7 @@ import difflib
 import re
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -89,8 +89,7 @@ class Document:
             raise self._explain(error, kind, data, at) from None
 
     def without(self, obsolete: Mapping[str, str]) -> tuple[Document, list[str]]:
-        """Remove obsolete keys (dotted key -> what replaced it, or why it was removed); returns the document, and a
-        line of text for each key removed."""
+        """Remove obsolete keys, dotted; returns the document, and a line of text with the reason for each."""
         data, notes = self.data, []
         for name, why in obsolete.items():
             keys: tuple[Key, ...] = tuple(name.split("."))
@@ -103,9 +102,7 @@ class Document:
     def _explain(self, error: msgspec.ValidationError, kind: type[Any], data: Any, at: tuple[Key, ...]) -> ConfigError:
         """msgspec's error in the words of the person who wrote the file."""
         problem, keys = _split(str(error))
-        keys = _resolve_wildcards(
-            keys, data, problem, lambda changed: msgspec.convert(_without_empty_sections(changed, kind), kind)
-        )
+        keys = _resolve_wildcards(keys, data, problem, kind)
         where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys, data)
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
@@ -131,8 +128,7 @@ def read(path: Path) -> Document:
 
 
 def parse(path: Path, content: bytes) -> Document:
-    """Parse the content of a file. Raises ConfigError where it is not YAML, too large, too deep, repeats a key, or has
-    a number that YAML reads otherwise than people do."""
+    """Parse a file. Raises ConfigError: no YAML, too large or deep, a repeated key, an ambiguous number."""
     try:
         text = content.decode()
     except UnicodeDecodeError:
@@ -269,9 +265,7 @@ def _split(message: str) -> tuple[str, tuple[Key, ...]]:
     return problem, tuple(name or ("*" if index == "..." else int(index)) for name, index in steps)
 
 
-def _resolve_wildcards(
-    keys: tuple[Key, ...], data: Any, problem: str, convert: Callable[[Any], object]
-) -> tuple[Key, ...]:
+def _resolve_wildcards(keys: tuple[Key, ...], data: Any, problem: str, kind: type[Any]) -> tuple[Key, ...]:
     """Find which key of a mapping failed, which msgspec does not report: convert one at a time."""
     if "*" not in keys:
         return keys
@@ -279,10 +273,10 @@ def _resolve_wildcards(
     mapping = _value(data, keys[:place]) or {}
     for key in mapping:
         try:
-            convert(_put(data, keys[:place], {key: mapping[key]}))
+            msgspec.convert(_without_empty_sections(_put(data, keys[:place], {key: mapping[key]}), kind), kind)
         except msgspec.ValidationError as error:
             if _split(str(error))[0] == problem:
-                return _resolve_wildcards((*keys[:place], key, *keys[place + 1 :]), data, problem, convert)
+                return _resolve_wildcards((*keys[:place], key, *keys[place + 1 :]), data, problem, kind)
     return keys
 
 
@@ -326,8 +320,7 @@ def _find(node: yaml.Node | None, keys: tuple[Key, ...]) -> yaml.Node | None:
 
 
 def _refuse_bombs(path: Path, text: str) -> None:
-    """Refuse a short file that expands to very many values (aliases of aliases) or nests too deep, from its parse
-    events, before any value is made. Raises ConfigError."""
+    """Refuse a file that expands to too many values or nests too deep, before any is made. Raises ConfigError."""
     weights: dict[str, int] = {}
     open_from: list[tuple[str | None, int]] = []
     count = 0
@@ -349,8 +342,7 @@ def _refuse_bombs(path: Path, text: str) -> None:
 def _refuse_ambiguous(
     path: Path, node: yaml.Node | None, keys: tuple[Key, ...], above: tuple[yaml.Node, ...] = ()
 ) -> None:
-    """Refuse a repeated key, a key that is not a word, an anchor inside itself, and numbers that YAML 1.1 reads in
-    another base. Raises ConfigError."""
+    """Refuse repeated keys, keys that are no words, and numbers in another base. Raises ConfigError."""
     if node is None:
         return
     if isinstance(node, yaml.ScalarNode):
