@@ -5,8 +5,6 @@ Here are the questions, the report and the storing. daemon/pick/around.py choose
 daemon/teaching/part_from_looks.py makes the part.
 """
 
-from typing import Any
-
 import numpy as np
 
 from daemon.arm import RefusedError
@@ -15,6 +13,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandResult, Frontend, yes_or_no
 from daemon.console.phrases import plural
 from daemon.errors import CommandError
+from daemon.events.records import Json
 from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoSinglePartError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looks import Look
@@ -26,7 +25,6 @@ from daemon.vision.facets import fuse
 from daemon.vision.geometry import Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_name
 
-Json = dict[str, Any]
 USAGE = "teach LABEL --around [6..12]"
 
 

@@ -3,16 +3,14 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from daemon.cell.recorded_arm import RecordedArm
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.review.cli import record_line
 from daemon.review.digest import LookStep
 from daemon.review.pagedata import stop_json
 from daemon.review.space import is_arrival, joints_over, moments_of, space_of, way_of
 
-Json = dict[str, Any]
 SHOWN = (
     *("state", "doing", "target", "stop", "fault", "pending", "enabled", "paused", "auto"),
     *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "each_place", "up_s"),

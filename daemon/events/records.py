@@ -14,7 +14,9 @@ from msgspec import Meta
 
 from daemon.events.upgrade import upgraded
 
-Record = dict[str, Any]
+Json = dict[str, Any]
+"""An object of JSON."""
+Record = Json
 LONGEST_LINE = 1_000_000
 
 Finite = Annotated[float, Meta(ge=-1e15, le=1e15)]

@@ -17,6 +17,7 @@ import numpy as np
 from daemon.calibration.drift import DriftSettings
 from daemon.events.codes import BY_SUMMARY, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
+from daemon.events.records import Json
 from daemon.events.upgrade import read_prose
 from daemon.fleet.store import Store, StoreError
 from daemon.fleet.views import opened
@@ -27,7 +28,6 @@ from daemon.store.files import write_atomically
 from daemon.store.place_status import PlaceStatus
 from daemon.vision.health import MEASURES
 
-Json = dict[str, Any]
 BEFORE = timedelta(days=28)
 """Period before the days shown that gives a cell's earlier success rate."""
 USUAL = timedelta(days=6)

@@ -16,7 +16,8 @@ from typing import Any
 from daemon import VERSION
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.fleet.replay_results import Json, result_of
+from daemon.events.records import Json
+from daemon.fleet.replay_results import result_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.fleet.views import opened
 from daemon.review.digest import Digest

@@ -4,8 +4,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from daemon.events.records import Record, record_of
-from daemon.fleet.replay_results import Json, kinds_of
+from daemon.events.records import Json, Record, record_of
+from daemon.fleet.replay_results import kinds_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import LookStep
 from daemon.review.page import PAGE_BYTES, embedded, jpeg_of, render

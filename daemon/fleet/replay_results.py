@@ -9,11 +9,11 @@ from dataclasses import asdict
 from statistics import median
 from typing import Any
 
+from daemon.events.records import Json
 from daemon.fleet.layout import Proof, proofs_of, proven_as
 from daemon.review.digest import Digest
 from daemon.review.replay import ReplayedLook, apart_mm, paired, untimed
 
-Json = dict[str, Any]
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
 """99th-percentile brightness of the darker camera image, in grey levels."""
 _BRIGHTNESS = {name: number for number, (_, name) in enumerate(LIGHTS)}

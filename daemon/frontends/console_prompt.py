@@ -102,6 +102,7 @@ RECONNECT_S = 0.5
 ANSWER_COLUMNS = 4
 """Columns kept free behind a question for its answer."""
 LONGEST_MESSAGE = 16_000_000
+ONE_LINE = "an answer is one line"
 LONGEST_PASTE = 200
 """Lines; fewer than one operator may queue in the daemon."""
 
@@ -222,11 +223,7 @@ class ConsolePrompt:
         if len(lines) < 2:
             buffer.insert_text(lines[0] if lines else "")
         elif self._asked is not None or len(lines) > LONGEST_PASTE:
-            most = (
-                "an answer is one line"
-                if self._asked is not None
-                else f"paste {LONGEST_PASTE} at most, or use `facetctl script`"
-            )
+            most = f"paste {LONGEST_PASTE} at most, or use `facetctl script`" if self._asked is None else ONE_LINE
             self._show(f"The paste of {len(lines)} lines was ignored: {most}.")
         else:
             lines = [line for line in (first, *others) if line.split("#")[0].strip()]

@@ -25,6 +25,7 @@ CLOCK_JUMP_S = ASLEEP_S = 2.0
 CHECK_LIMIT_S = 20.0
 HALTED_S = 10.0
 """A longer gap between two ticks means that the daemon did not run; its own work never takes as long."""
+NO_NEW_FOLDER = "disk: cannot start a new run folder"
 SOURCES = {"cameras": CauseCode.CAMERA_LOST, "controller": CauseCode.CONTROLLER_SILENT}
 """The cause of a lost device where its error names none."""
 
@@ -45,8 +46,8 @@ class Watchdog:
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
         self._checks: dict[str, asyncio.Task[None]] = {}
-        self._begun_s = {"cameras": time.monotonic(), "controller": time.monotonic()}  # opened, and so heard, just now
-        self._ended_s = {"cameras": time.monotonic(), "controller": time.monotonic()}
+        self._begun_s = dict.fromkeys(SOURCES, time.monotonic())  # opened, and so heard, just now
+        self._ended_s = dict(self._begun_s)
 
     async def run(self) -> None:
         """Tick until cancelled."""
@@ -85,7 +86,6 @@ class Watchdog:
         if state["fault"] is None:
             self._context.troubles.report("restart", None)
         self._check_clock()
-        self._check_folder()
         self._roll(busy)
         self._count_signs_of_life(busy)
         self._feed(now, busy)
@@ -168,15 +168,11 @@ class Watchdog:
         context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
         most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
-        stuck: list[str] = []
-
-        def tell_stuck(run: Path, why: str) -> None:
-            stuck.append(journal.stuck(run, why))
-
+        stuck: dict[Path, str] = {}
         try:
-            removed = await asyncio.to_thread(enforce_quota, runs, most, current, least, tell_stuck)
+            removed = await asyncio.to_thread(enforce_quota, runs, most, current, least, stuck.__setitem__)
             journal.write_removed(removed)
-            context.troubles.report("runs", stuck[0] if stuck else None)
+            context.troubles.report("runs", next((journal.stuck(*one) for one in stuck.items()), None))
             if not runs.is_dir():
                 return
             free = shutil.disk_usage(runs).free
@@ -190,31 +186,22 @@ class Watchdog:
             context.roll_due = True
 
     def _roll(self, busy: bool) -> None:
-        """Continue in a new run folder at the first idle tick after the folder became large. The size is checked once a
-        minute, which may always hit a busy moment. Between the picks of an auto the cycle does it."""
-        context = self._context
-        if busy or not context.roll_due:
+        """Continue in a new run folder where somebody removed the current one, or it is large and the cell idle.
+        Between the picks of an auto the cycle does the latter."""
+        context, folder, removed = self._context, self._context.run_log.folder, self._context.run_log.removed
+        if not removed and (busy or not context.roll_due):
             return
-        try:
-            context.roll_if_due()
-        except (FileError, OSError) as error:
-            context.troubles.report("disk", f"disk: cannot start a new run folder: {plain(error)}")
-
-    def _check_folder(self) -> None:
-        """Continue in a new run folder, with a report, where somebody removed the current one."""
-        context = self._context
-        if not context.run_log.removed:
-            return
-        removed = context.run_log.folder
         context.roll_due = True
         try:
             context.roll_if_due()
         except (FileError, OSError) as error:
-            context.troubles.report("log", f"log: {removed} was removed, and no new folder can be made: {plain(error)}")
+            what = f"log: {folder} was removed, and no new folder can be made" if removed else NO_NEW_FOLDER
+            context.troubles.report("log" if removed else "disk", f"{what}: {plain(error)}")
             return
-        context.troubles.report("log", None)
-        text = f"log: {removed} was removed while in use; the log continues in {context.run_log.folder}"
-        journal.write("trouble", text, journal.WARNING)
+        if removed:
+            context.troubles.report("log", None)
+            text = f"log: {folder} was removed while in use; the log continues in {context.run_log.folder}"
+            journal.write("trouble", text, journal.WARNING)
 
     def _check_clock(self) -> None:
         offset_s = time.time() - time.monotonic()

@@ -6,19 +6,16 @@ Needs the extra `plots`.
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.review.digest import Cycle, Digest
 from daemon.review.page import read_digest, render
 from daemon.review.space import arm_of, is_arrival, joints_over, moments_of, seconds_after, space_of, way_of
 from daemon.store.files import write_atomically
 from daemon.store.folders import needing
 from daemon.store.runs import RunError
-
-Json = dict[str, Any]
 
 
 def write_cycle_page(folder: Path, number: int, out: Path) -> Path:

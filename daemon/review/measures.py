@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon.calibration.drift import DriftSettings, initial_state, observe
 from daemon.events.outcomes import is_success
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.review.digest import Digest, cameras_of
 from daemon.vision.health import MEASURES, Clue
 
@@ -34,8 +34,6 @@ TITLES = {
 AXES = ("pitch", "roll", "vergence")
 MAX_POINTS = 2000
 """Largest number of points of a line in the page: of more looks, each point is the worst of several."""
-
-Json = dict[str, Any]
 
 
 @dataclass(frozen=True)

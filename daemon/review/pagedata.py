@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.events.codes import CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.pick.transitions import SHOWN
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
 from daemon.review.failure_causes import causes, in_plain_words
@@ -25,7 +25,6 @@ from daemon.store.place_status import PlaceStatus
 
 MAX_CYCLES = MAX_EVENTS = 1000
 """Largest number of cycles and events shown, the newest ones; figures and measures cover all."""
-Json = dict[str, Any]
 
 
 def page_data(digest: Digest) -> Json:

@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon.events.codes import BY_SUMMARY
 from daemon.events.outcomes import UNFINISHED, Outcome, is_success, tally
+from daemon.events.records import Json
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.downtime import use_of_time
 from daemon.review.failure_causes import causes, causes_of_record
@@ -24,8 +25,6 @@ ENDING = frozenset({"stop", "abort", "disable", "refuse", "n", "no"})
 NAMELESS = ("unknown", "ambiguous")
 NONE_CHOSEN = "no part chosen"
 """The row of picks that chose none: rows of parts add up to the total."""
-
-Json = dict[str, Any]
 
 
 def production(runs: Sequence[Digest]) -> Json:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.pick.moved_pair import places_of, with_arm
 from daemon.review.digest import Digest, in_use
 from daemon.store.model import load
@@ -29,8 +29,6 @@ from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import UNKNOWN
-
-Json = dict[str, Any]
 
 NEAR_MM = 25.0
 """Two parts count as the same one when the centroids of their facets are this close."""

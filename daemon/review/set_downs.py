@@ -2,16 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.review.digest import Cycle, Digest
 from daemon.store.place_file import pattern_of
 from daemon.store.place_status import PlaceStatus
-
-Json = dict[str, Any]
 
 LOOKED_AT = frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.MISSING})
 """The results of a look after a set-down."""

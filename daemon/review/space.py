@@ -9,20 +9,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
 from daemon.cell.recorded_arm import RecordedArm, recorded_arm
-from daemon.events.records import Record
+from daemon.events.records import Json, Record
 from daemon.review.digest import parts_of
 from daemon.store.outside import FileError
 from daemon.store.runs import RunError, kept_file
 from daemon.store.yamlfile import ConfigError
-
-Json = dict[str, Any]
 
 WAY_SAMPLES = 12
 """Points that draw the way of a joint-interpolated move."""

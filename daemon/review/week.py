@@ -3,15 +3,16 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from daemon.arm import CAMERA_NAMES
 from daemon.calibration.drift import DriftSettings
 from daemon.events.outcomes import DEFINITION
+from daemon.events.records import Json
 from daemon.review.brief import read_runs_with_picks
 from daemon.review.digest import Digest
-from daemon.review.measures import number
+from daemon.review.measures import AXES, number
 from daemon.review.page import WEEK, render, run_time, write_page
 from daemon.review.production import median_of, production, remedies
 from daemon.review.set_downs import placing_figures, set_downs
@@ -19,10 +20,6 @@ from daemon.store.files import write_atomically
 from daemon.store.runs import RunError, list_runs
 
 REPORT = "report.html"
-DRIFTS = ("pitch_deg", "roll_deg", "vergence_deg")
-LIGHTS = ("darkness_left", "darkness_right")
-
-Json = dict[str, Any]
 
 
 def write_week(runs: Path, last: Path, out: Path) -> Path:
@@ -76,16 +73,16 @@ def run_json(run: Digest) -> Json:
         "production": production([run]),
         "models": run.models_used(),
         "calibration": run.kept("calibration"),
-        "drift": {name.removesuffix("_deg"): _weighted_mean(looks, name) for name in DRIFTS},
+        "drift": {axis: _weighted_mean(looks, axis) for axis in AXES},
         "epipolar_px": median_of([h.get("epipolar_pair") for h in looks]),
-        "light": {name.removeprefix("darkness_"): median_of([h.get(name) for h in looks]) for name in LIGHTS},
-        "focus_px": {camera: median_of([h.get(f"focus_{camera}") for h in looks]) for camera in ("left", "right")},
+        "light": {camera: median_of([h.get(f"darkness_{camera}") for h in looks]) for camera in CAMERA_NAMES},
+        "focus_px": {camera: median_of([h.get(f"focus_{camera}") for h in looks]) for camera in CAMERA_NAMES},
     }
 
 
-def _weighted_mean(looks: Sequence[Json], name: str) -> float | None:
-    """Mean over the looks, weighted by the inverse variance of each."""
-    measured = [(number(h.get(name)), number(h.get(name.replace("_deg", "_sigma_deg")))) for h in looks]
+def _weighted_mean(looks: Sequence[Json], axis: str) -> float | None:
+    """Mean angle over the looks, weighted by the inverse variance of each."""
+    measured = [(number(h.get(f"{axis}_deg")), number(h.get(f"{axis}_sigma_deg"))) for h in looks]
     weighted = [(value, sigma**-2) for value, sigma in measured if value is not None and sigma]
     if not weighted:
         return None

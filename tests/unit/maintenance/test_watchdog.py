@@ -341,10 +341,10 @@ def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one
     first = watched.run_log.folder
     watched.context.roll_if_due = lambda: watched.run_log.roll(tmp_path / "runs" / "next")
     watch = Watchdog(watched.context)
-    watch._check_folder()
+    watch._roll(busy=True)
     assert told == []
     shutil.rmtree(tmp_path / "runs")
-    watch._check_folder()
+    watch._roll(busy=True)
     watched.run_log.record("decision", text="after")
     watched.run_log.close()
     assert told == [f"log: {first} was removed while in use; the log continues in {tmp_path / 'runs' / 'next'}"]
@@ -359,7 +359,7 @@ def test_a_folder_for_runs_that_cannot_be_made_again_is_a_trouble_until_it_can(t
 
     watched.context.roll_if_due = full
     shutil.rmtree(tmp_path / "runs")
-    Watchdog(watched.context)._check_folder()
+    Watchdog(watched.context)._roll(busy=True)
     assert watched.context.troubles.active["log"].endswith("No space left on device; free some space there")
     asyncio.run(Watchdog(watched.context)._keep_quota())
     watched.run_log.close()
