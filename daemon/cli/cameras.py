@@ -31,23 +31,17 @@ GRAB_S = 5.0
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `cameras`, `snap` and `stream` to facetctl."""
     cameras = subparsers.add_parser("cameras", help="list the cameras; rate, skew and drops of the configured pair")
-    cameras.add_argument(
-        "--seconds", type=within(decimal, 0.0), default=3.0, help="how long to measure (default 3; 0: only list)"
-    )
+    cameras.add_argument("--seconds", type=within(decimal, 0.0), default=3.0, help="time to measure (3; 0: only list)")
     snap = subparsers.add_parser("snap", help="save stereo pairs as left.png and right.png")
     snap.add_argument("folder", type=Path, metavar="DIR", help="the folder to write to")
     snap.add_argument("--count", type=within(whole, 1, 100_000), default=1, help="more than one: DIR/1, DIR/2, ...")
-    snap.add_argument(
-        "--every", type=within(decimal, 0.0), default=1.0, metavar="SECONDS", help="time between them (default 1)"
-    )
+    snap.add_argument("--every", type=within(decimal, 0.0), default=1.0, metavar="SECONDS", help="time in between (1)")
     stream = subparsers.add_parser("stream", help="a live image for a browser on this machine, with the facets found")
     stream.add_argument("--port", type=within(whole, 0, 65535), default=8080, help="on 127.0.0.1 (default 8080)")
     stream.add_argument("--fps", type=within(decimal, 0.1), default=5.0, help="most images a second (default 5)")
     stream.add_argument("--plain", action="store_true", help="the images only: without recognition")
     for parser, run in ((cameras, _cameras), (snap, _snap), (stream, _stream)):
-        parser.add_argument(
-            "--config", type=Path, default=folders.config_file(), metavar="FILE", help="the configuration"
-        )
+        parser.add_argument("--config", type=Path, default=folders.config_file(), metavar="FILE", help="configuration")
         parser.add_argument("--sim", action="store_true", help="the simulated cell's cameras")
         parser.add_argument("--json", action="store_true", help="JSON for programs")
         parser.set_defaults(run=_guarded(run))

@@ -103,9 +103,7 @@ def _tell(text: str) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="facetctl commission", description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "step", nargs="?", choices=[step.name for step in STEPS], help="repeat this step and all after it"
-    )
+    parser.add_argument("step", nargs="?", choices=[step.name for step in STEPS], help="repeat from this step on")
     parser.add_argument("--board", default="9x6", help="the calibration board's inner corners (9x6)")
     parser.add_argument("--square-mm", type=decimal, default=16.0, help="its squares, measured (16)")
     parser.add_argument("--board-mm", type=decimal, default=4.0, help="how thick it is (4)")

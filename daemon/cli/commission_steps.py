@@ -74,8 +74,7 @@ class CommissioningSession:
         done = self.send(command)
         if done["status"] != DONE:
             raise NotProvenError(done["text"])
-        data: dict[str, Any] = done["data"]
-        return data
+        return dict(done["data"])
 
     def need(self, question: str) -> None:
         """Ask the person for a yes. Raises NotProvenError."""
@@ -133,8 +132,7 @@ class CommissioningSession:
         return str(self._status().get("mounting", "hand"))
 
     def _status(self) -> dict[str, Any]:
-        data: dict[str, Any] = self._link.do("status", "commission", lambda _: None)["data"]
-        return data
+        return dict(self._link.do("status", "commission", lambda _: None)["data"])
 
 
 def _arm(talk: CommissioningSession) -> str:

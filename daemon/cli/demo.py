@@ -63,23 +63,15 @@ class DemoError(FacetdError):
 
 def register(subparsers: Any) -> None:
     """Add `demo` to facetctl."""
-    parser = subparsers.add_parser(
-        "demo", help="simulated cell: teach, train, pick every part, fill a kit, write the report"
-    )
+    parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick each part, fill a kit, report")
     parser.add_argument("--seed", type=whole, help="repeat an earlier demo (each prints its seed)")
     parser.add_argument(
         "--time-scale", type=decimal, help="speed of the cell as a multiple of real time (20; less on a slow computer)"
     )
     parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
     parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
-    parser.add_argument(
-        "--machined",
-        action="store_true",
-        help="also a bracket and a knob, taught from drawings, with bores and roundings",
-    )
-    parser.add_argument(
-        "--fixed", action="store_true", help="cameras fixed over the table (eye-to-hand) in place of on the gripper"
-    )
+    parser.add_argument("--machined", action="store_true", help="also a bracket and a knob, taught from drawings")
+    parser.add_argument("--fixed", action="store_true", help="cameras over the table (eye-to-hand), not on the gripper")
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
     parser.set_defaults(run=run)
 
@@ -215,8 +207,7 @@ def _do(link: DaemonLink, text: str) -> dict[str, Any]:
     done = link.do(text, "demo", lambda _: None)
     if done["status"]:
         raise DemoError(f"{text}: {done['text']}")
-    data: dict[str, Any] = done["data"]
-    return data
+    return dict(done["data"])
 
 
 def _teach(link: DaemonLink, drawn: dict[str, str]) -> None:

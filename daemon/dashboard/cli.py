@@ -12,9 +12,7 @@ PORT = 8642
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `dashboard` to facetctl."""
-    parser = subparsers.add_parser(
-        "dashboard", help="a page for a browser on this machine: what the daemon sees and does"
-    )
+    parser = subparsers.add_parser("dashboard", help="a page for a browser here: what the daemon sees and does")
     parser.add_argument("--port", type=whole, default=PORT, help=f"on 127.0.0.1 ({PORT})")
     parser.add_argument("--socket", type=Path, help="the daemon's socket (the usual places)")
     parser.set_defaults(run=run)

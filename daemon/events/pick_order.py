@@ -91,8 +91,7 @@ class PickOrder(Struct, frozen=True):
 
     def json(self) -> dict[str, Any]:
         """JSON values of every field."""
-        values: dict[str, Any] = msgspec.to_builtins(self)
-        return values
+        return dict(msgspec.to_builtins(self))
 
     def _with(self, steps: tuple[OrderStep, ...], count: int) -> PickOrder:
         if steps or self.times == 1:

@@ -47,25 +47,16 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     collect.add_argument(
         "cells", nargs="+", metavar="CELL=RUNS", help="a cell's name and its folder of runs, or HOST:FOLDER over ssh"
     )
-    collect.add_argument(
-        "--into", metavar="STORE", required=True, help="the store: a folder, or a bucket such as s3://plant/facetd"
-    )
+    collect.add_argument("--into", metavar="STORE", required=True, help="folder or bucket, such as s3://plant/facetd")
     collect.add_argument("--free", action="store_true", help="then remove the runs that the store has from the cells")
     collect.add_argument("--json", action="store_true", help="one JSON line")
     replay = command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
-    replay.add_argument(
-        "folders", metavar="RUN", nargs="*", help="run folders, their names, `latest`, or a store: all runs in it"
-    )
+    replay.add_argument("folders", metavar="RUN", nargs="*", help="runs by folder or name, `latest`, or a store")
     replay.add_argument(
         "--with", action="append", default=[], dest="chosen", metavar="FILE",
         help="instead of the runs' own: a model (a file, 3, latest), a calibration, a facetd.yaml; may be repeated",
     )  # fmt: skip
-    replay.add_argument(
-        "--workers",
-        type=within(whole, 1, MOST),
-        metavar="N",
-        help="by so many processes of this computer (extra `fleet`)",
-    )
+    replay.add_argument("--workers", type=within(whole, 1, MOST), metavar="N", help="processes here (extra `fleet`)")
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
     replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one JSON line")

@@ -52,9 +52,7 @@ def command(
 
 def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """Add the argument RUN to a command."""
-    parser.add_argument(
-        "folder", metavar="RUN", nargs="?", default="latest", help="a run folder, its name, or `latest`"
-    )
+    parser.add_argument("folder", metavar="RUN", nargs="?", default="latest", help="a run folder, its name or `latest`")
     return parser
 
 

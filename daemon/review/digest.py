@@ -357,8 +357,7 @@ def cameras_of(look: Record) -> str:
 
 def parts_of(look: Record) -> list[dict[str, Any]]:
     """The recognised parts, as recorded."""
-    found: list[dict[str, Any]] = (look.get("scene") or {}).get("parts") or []
-    return found
+    return list((look.get("scene") or {}).get("parts") or [])
 
 
 def residual_mm(parts: Iterable[dict[str, Any]]) -> float | None:
