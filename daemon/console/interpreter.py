@@ -357,13 +357,9 @@ def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usag
     close = difflib.get_close_matches(word, allowed, 1) or [k for k in allowed if k.startswith(word)]
     if keyword and len(close) != 1:
         raise CommandError(f"{word}: expected {either(allowed)}; usage: {usage}", NOT_UNDERSTOOD)
-    hint = (
-        f"did you mean {close[0]}?"
-        if len(close) == 1
-        else f"choose from: {', '.join(allowed)}"
-        if allowed
-        else "there is none yet"
-    )
+    hint = f"choose from: {', '.join(allowed)}" if allowed else "there is none yet"
+    if len(close) == 1:
+        hint = f"did you mean {close[0]}?"
     raise CommandError(f"{word}: no such {what}; {hint}", NOT_UNDERSTOOD)
 
 

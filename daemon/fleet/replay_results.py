@@ -149,11 +149,6 @@ def differences(results: Sequence[tuple[str, Json]]) -> list[Json]:
 
 def kinds_of(found: Sequence[Json]) -> dict[str, int]:
     """How often a name became another: `cube -> unknown`."""
-    return dict(
-        Counter(
-            f"{pair['then'] or 'nothing'} -> {pair['now'] or 'nothing'}"
-            for one in found
-            for pair in one["parts"]
-            if pair["then"] != pair["now"] and one["whole"]
-        ).most_common()
-    )
+    pairs = [(pair["then"], pair["now"]) for one in found if one["whole"] for pair in one["parts"]]
+    renamed = Counter(f"{then or 'nothing'} -> {now or 'nothing'}" for then, now in pairs if then != now)
+    return dict(renamed.most_common())

@@ -177,26 +177,17 @@ def kept_differences(before_folder: Path, before: Digest, after_folder: Path, af
     entries = []
     for name in ("config", "calibration"):
         files = [(d.start or {}).get(name) for d in (before, after)]
-        lines = [_lines(folder, file) for folder, file in zip((before_folder, after_folder), files, strict=True)]
-        changed = [
-            line
-            for line in unified_diff(lines[0], lines[1], before.name, after.name, n=0, lineterm="")
-            if not line.startswith("@@")
-        ]
-        entries.append(_entry(name, files[0], files[1], changed))
+        old, new = (_lines(folder, file) for folder, file in zip((before_folder, after_folder), files, strict=True))
+        changed = unified_diff(old, new, before.name, after.name, n=0, lineterm="")
+        entries.append(_entry(name, files[0], files[1], [line for line in changed if not line.startswith("@@")]))
     models = [d.models()[-1] if d.models() else None for d in (before, after)]
     entries.append(_entry("model", models[0], models[1], []))
     return entries
 
 
 def _entry(name: str, before: str | None, after: str | None, lines: list[str]) -> dict[str, Any]:
-    return {
-        "name": name,
-        "before": short_hash(before),
-        "after": short_hash(after),
-        "same": before == after and before is not None,
-        "lines": lines,
-    }
+    same = before == after and before is not None
+    return {"name": name, "before": short_hash(before), "after": short_hash(after), "same": same, "lines": lines}
 
 
 def _lines(folder: Path, file: str | None) -> list[str]:

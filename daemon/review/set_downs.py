@@ -69,14 +69,8 @@ def last_of_each(run: Digest) -> list[Json]:
     """Every place with a status in the run: name, part, status, deviation, outline from above (mm)."""
     last = {str(record.get("place")): record for record in run.of("place")}
     return [
-        {
-            "name": name,
-            "part": record.get("label"),
-            "status": record.get("status"),
-            "off_mm": record.get("off_mm"),
-            "off_deg": record.get("off_deg"),
-            "outline": record.get("outline") or [],
-        }
+        {"name": name, "part": record.get("label"), "outline": record.get("outline") or []}
+        | {key: record.get(key) for key in ("status", "off_mm", "off_deg")}
         for name, record in last.items()
     ]
 

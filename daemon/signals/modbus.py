@@ -54,12 +54,8 @@ class PLCReadings:
 
 def readings(packml: PackMLState, done: bool, enabled: bool, clock_s: float, picked: int, failed: int) -> PLCReadings:
     """The values for a PLC. done: part_done is on; the second register counts seconds, which shows that facetd runs."""
-    bits = {
-        "busy": packml is PackMLState.EXECUTE,
-        "part_done": done,
-        "fault": packml is PackMLState.ABORTED,
-        "enabled": enabled,
-    }
+    values = packml is PackMLState.EXECUTE, done, packml is PackMLState.ABORTED, enabled
+    bits = dict(zip(DISCRETE_INPUTS, values, strict=True))
     return PLCReadings(bits, (STATE_NUMBERS[packml], int(clock_s) % WORD, picked % WORD, failed % WORD))
 
 

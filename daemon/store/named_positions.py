@@ -6,7 +6,6 @@ keeps the name that earlier releases gave it.
 """
 
 import errno
-import json
 import os
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -69,13 +68,8 @@ class NamedPositions:
 
     def keep(self, name: str, world_from_tool: Array | None, who: str) -> None:
         """Store a position under a name; None: drop the name. Raises FileError."""
-        line = {
-            "v": 1,
-            "t": datetime.now(UTC).isoformat(timespec="seconds"),
-            "who": who,
-            "name": name,
-            "world_from_tool": None if world_from_tool is None else np.asarray(world_from_tool, float).tolist(),
-        }
+        rows = None if world_from_tool is None else np.asarray(world_from_tool, float).tolist()
+        line = _PositionLine(1, datetime.now(UTC).isoformat(timespec="seconds"), who, name, rows)
         with failing_as(FileError, f"{self.path}: not kept"):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and self.path.stat().st_size > LARGEST_BYTES // 2:
@@ -84,7 +78,7 @@ class NamedPositions:
                 length = file.tell()
                 try:
                     torn = length > 0 and not self._ends_in_newline()
-                    content = (b"\n" if torn else b"") + json.dumps(line).encode() + b"\n"
+                    content = (b"\n" if torn else b"") + msgspec.json.encode(line) + b"\n"
                     if file.write(content) != len(content):
                         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                     os.fsync(file.fileno())
