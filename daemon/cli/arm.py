@@ -1,7 +1,4 @@
-"""Commands `facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: first contact with an unknown controller.
-
-daemon/cell/identify.py carries it out; here are the command line, the person at the terminal, and the files.
-"""
+"""Commands `facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: first contact with a controller."""
 
 from __future__ import annotations
 

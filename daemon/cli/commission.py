@@ -29,6 +29,7 @@ from daemon.store.json_file import read_json
 from daemon.store.outside import FileError
 
 FILE = "commission.json"
+_tell = partial(print, flush=True)
 
 
 class StepProof(msgspec.Struct, frozen=True):
@@ -95,10 +96,6 @@ def run(link: DaemonLink, words: list[str]) -> int:
     if all_proven:
         print(f"The cell picks. {path} records each proof. Continue with docs/operate/README.md.", flush=True)
     return DONE if all_proven else NOT_DONE
-
-
-def _tell(text: str) -> None:
-    print(text, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,6 +13,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ MACHINED = {"machined_bracket": "machined_bracket.obj", "knob": "knob.obj"}
 """Parts that `--machined` adds, and their drawings in etc/: bores, a slot, a fillet, an end that is round."""
 ROUNDS = 3
 """Most passes over the table."""
+say = partial(print, flush=True)
 VERDICT = "verdict.jsonl"
 TRUTH = "simcell.yaml"
 FASTEST = 20.0
@@ -127,11 +129,6 @@ def _forbidden_motions(verdict: Path) -> list[str]:
     """The forbidden motions that the simulated cell's motion monitor found, one line each."""
     lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
     return [f"MOTION MONITOR {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
-
-
-def say(text: str) -> None:
-    """Print a line at once."""
-    print(text, flush=True)
 
 
 def _time_scale(clock: Callable[[], float] = time.perf_counter) -> float:

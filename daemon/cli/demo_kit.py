@@ -1,7 +1,4 @@
-"""The kit at the end of the demo: a plate with four nests and walls between them, and how each part lies in its nest.
-
-Values only; demo.py gives the commands.
-"""
+"""Values of the kit at the end of the demo: a plate with four nests, and how each part lies in its nest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""`facetctl thesis silhouettes`: the thesis's first experiment (section 4.1) on pictures of one's own.
-
-Exit status: 0 done, 2 unusable arguments or files.
-"""
+"""Command `facetctl thesis silhouettes`: the thesis's first experiment (section 4.1) on pictures of one's own."""
 
 from __future__ import annotations
 

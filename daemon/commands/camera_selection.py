@@ -1,8 +1,4 @@
-"""Command `cameras`: which cameras are in use; and the question about them after a camera fault.
-
-Nothing here moves the arm. With one camera each look takes two images with a move between them
-(daemon/pick/moved_pair.py).
-"""
+"""Command `cameras`, and the question about the cameras after a camera fault. Nothing here moves the arm."""
 
 from daemon.arm import CAMERA_NAMES, CameraName, Fault
 from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady

@@ -1,8 +1,4 @@
-"""What the daemon does by itself after each look and each pick: drift detection, one camera instead of two, notices.
-
-The observer of the cycle (pick/outcome.py). The supervisor stops the arm and permits motion again, as for a person's
-command.
-"""
+"""Work of the daemon after each look and each pick: drift detection, one camera instead of two, notices."""
 
 import asyncio
 import contextlib

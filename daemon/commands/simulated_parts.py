@@ -1,7 +1,4 @@
-"""The operator's hand in a simulated cell, and the choice of the pair in a recorded one.
-
-In a real cell a person does this; these commands exist only where the cell is not real.
-"""
+"""Commands in place of a person's hand: parts of a simulated cell, and the next pair of a recorded one."""
 
 import asyncio
 

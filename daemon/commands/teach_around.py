@@ -1,9 +1,4 @@
-"""`teach LABEL --around`: the arm looks at a part from all round and learns it whole. The pick cycle makes every
-motion.
-
-Here are the questions, the report and the storing. daemon/pick/around.py chooses the places to look from,
-daemon/teaching/part_from_looks.py makes the part.
-"""
+"""Command `teach LABEL --around`: questions, report and storing. daemon/pick/around.py plans the looks."""
 
 import numpy as np
 

@@ -1,7 +1,4 @@
-"""The context of commands: pick cycle, trainer, hardware, run log, active troubles, and what they share.
-
-service.py builds it, starts and ends its parts.
-"""
+"""The context of commands: what they share. service.py builds it, starts and ends its parts."""
 
 import asyncio
 import socket

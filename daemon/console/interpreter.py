@@ -1,7 +1,4 @@
-"""Interpreter of the command language, for terminals, the socket, one-shot commands and scripts.
-
-The table of commands, look-up by name, help, permission, the record of each command, and errors as one line.
-"""
+"""Interpreter of the command language: look-up by name, help, permission, records and errors of commands."""
 
 import contextlib
 import difflib

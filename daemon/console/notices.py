@@ -1,7 +1,4 @@
-"""Notices to operators: faults, refusals, troubles, ends of picks and autos, other operators' commands.
-
-Shown at every frontend, each at the level that its operator chose. Called from the main loop only; does not block.
-"""
+"""Notices to operators at every frontend, each at the level that its operator chose. Main loop only; never blocks."""
 
 import contextlib
 from collections.abc import Iterator

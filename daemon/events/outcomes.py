@@ -56,14 +56,12 @@ def is_success(outcome: str) -> bool:
 
 @dataclass(frozen=True)
 class PickCounts:
-    """Numbers of picks. released: the gripper opened over the bin, the part unconfirmed; aborted: ended by a person;
-    interrupted: by the end of a run, or not ended yet."""
+    """Numbers of picks. released: the gripper opened over the bin, the part unconfirmed; aborted: ended by a person."""
 
     tried: int
     picked: int
     released: int
     aborted: int
-    interrupted: int
 
     @property
     def failed(self) -> int:
@@ -79,5 +77,4 @@ def tally(outcomes: Iterable[str]) -> PickCounts:
         picked=sum(n for outcome, n in counts.items() if is_success(outcome)),
         released=counts[Outcome.RELEASED],
         aborted=counts[Outcome.ABORTED],
-        interrupted=counts[UNFINISHED] + counts[GOING_ON],
     )

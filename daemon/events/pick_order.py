@@ -1,7 +1,4 @@
-"""What is still to be picked: a number of any parts (`auto on 20`), one part (`pick cube`), or the steps of a job file.
-
-A value. The run log and the recovery file store it, so that a restart can continue it.
-"""
+"""What is still to be picked: a number of parts (`auto on 20`), one part (`pick cube`), or steps of a job file."""
 
 from __future__ import annotations
 

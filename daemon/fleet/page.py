@@ -1,5 +1,4 @@
-"""One offline HTML page for all cells: which are well, which drift, which miss what. DuckDB counts, this module
-decides.
+"""Write the page of all cells: which are well, which drift, which miss what. DuckDB counts, this module decides.
 
 A cell is reported only where chance does not explain the difference: its success rate is more than SIGMAS standard
 errors below that of the other cells, or drift, light or faults exceed the limits of its own daemon.

@@ -23,7 +23,6 @@ READ = (
     "FROM read_parquet({files}, union_by_name = true, hive_partitioning = true, "
     "hive_types = {{'cell': VARCHAR, 'month': VARCHAR}})"
 )
-VIEW = "CREATE VIEW {table} AS " + READ
 RENAMED = " ".join(f"WHEN {quoted(old)} THEN {quoted(code.summary)}" for old, code in EARLIER_SUMMARIES.items())
 STOPPED = "outcome = 'fault' AND cause = 'operator''s stop'"
 UPGRADED = {

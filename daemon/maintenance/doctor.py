@@ -1,7 +1,4 @@
-"""Check an installation: files, devices, disk, clock, service; each finding with its remedy. Reads only; moves nothing.
-
-It works with a running daemon, which has the devices open, and without one.
-"""
+"""Check an installation: files, devices, disk, clock, service; each finding with its remedy. Reads only."""
 
 import os
 import pwd

@@ -1,7 +1,4 @@
-"""Write the page of one cycle: the arm and the parts in 3-D, and its motion over time. One file; no network needed.
-
-Needs the extra `plots`.
-"""
+"""Write the page of one cycle: arm and parts in 3-D, and the motion over time. Needs the extra `plots`."""
 
 from collections.abc import Sequence
 from importlib import resources

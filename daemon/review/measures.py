@@ -1,7 +1,4 @@
-"""Measures of a run over time, each with its limit and whether a value came near it. Pure.
-
-The page shows a strip closed unless a value came near its limit.
-"""
+"""Measures of a run over time, each with its limit and whether a value came near it. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Production figures of runs: picked of tried, pace, causes of failures, interventions by people. Pure.
-
-daemon/events/outcomes.py defines what counts as tried.
-"""
+"""Production figures of runs: picked of tried, pace, causes of failures, interventions by people. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence

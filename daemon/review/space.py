@@ -1,8 +1,6 @@
-"""The cell in space, from a run's records: where the arm was, its path, the parts as measured. Millimetres in the
-world.
+"""The cell in space, from a run's records: where the arm was, its path, the parts as measured. mm in the world.
 
-For the page of a cycle and the dashboard. The arm is drawn as the capsules that the sweep checks, from the joints that
-the controller reported.
+The arm is drawn as the capsules that the sweep checks, from the joints that the controller reported.
 """
 
 from collections.abc import Iterable, Sequence

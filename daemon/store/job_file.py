@@ -1,8 +1,4 @@
-"""jobs/NAME.yaml beside facetd.yaml: which parts to pick, how many of each, in which order, and what to do when one is
-missing.
-
-People write these files; each is read when it is used.
-"""
+"""jobs/NAME.yaml beside facetd.yaml: which parts to pick, how many, in which order, and what if one is missing."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""Read etc/facets.yaml and etc/parts.yaml: the facet library, and the parts' names and grasps.
-
-Errors are ConfigErrors that name file, line and key. daemon/vision/model/facet_types.py defines the types.
-"""
+"""Read etc/facets.yaml and etc/parts.yaml: the facet library, and the parts' names and grasps."""
 
 import hashlib
 from pathlib import Path

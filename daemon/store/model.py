@@ -1,7 +1,4 @@
-"""Save and load a trained model: one .npz of plain arrays with a JSON header, never a pickle.
-
-daemon/vision/model/model.py defines the values. Every error is a ModelError that says what is wrong and where.
-"""
+"""Save and load a trained model: one .npz of plain arrays with a JSON header, never a pickle."""
 
 import hashlib
 import json

@@ -1,7 +1,4 @@
-"""Read files safely: regular files only (no device, no FIFO), inside their folder, up to a limit in bytes.
-
-Every package that reads files sets the limit and interprets the bytes. Whatever is wrong raises a FileError.
-"""
+"""Read files safely: regular files only, inside their folder, up to a limit in bytes; else FileError."""
 
 import contextlib
 import errno

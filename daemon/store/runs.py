@@ -1,7 +1,4 @@
-"""Find and read run folders, check the wire ledger, and remove old runs to stay within the disk quota.
-
-Nothing here writes into a run.
-"""
+"""Find and read run folders, check the wire ledger, and remove old runs to stay within the disk quota."""
 
 import contextlib
 import hashlib

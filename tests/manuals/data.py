@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from daemon.fleet.layout import FILE
 from daemon.fleet.schema import TABLES, VERSION, Column
-from daemon.fleet.views import SQL_KINDS, VIEW
+from daemon.fleet.views import READ, SQL_KINDS
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ With Spark, `spark.read.option("mergeSchema", "true").parquet("STORE/tables/cycl
 
 def document() -> str:
     """The page as text."""
-    example = VIEW.format(table="cycles", files=f"'STORE/tables/cycles/*/*/{FILE}'")
+    example = "CREATE VIEW cycles AS " + READ.format(files=f"'STORE/tables/cycles/*/*/{FILE}'")
     parts = [HEAD.format(count=len(TABLES), file=FILE, version=VERSION, view=example)]
     for name, table in TABLES.items():
         parts.append(f"### {name}: a row is {table.row}\n")
