@@ -91,8 +91,10 @@ def run(args: argparse.Namespace) -> int:
         _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
     ):
         written = Path(link.do("status", "demo", say)["data"]["run"])
-        _begin_default_state(runs, written)
-        look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
+        if runs == folders.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
+            _begin(folders.state_folder(simulated=True), written.name)  # for later daemons, which find this run
+        looks = {name: getattr(args, name) for name in ("table", "parts")}
+        look = "".join(f" --{name} {kind}" for name, kind in looks.items() if kind != "plain")
         look += "".join(f" --{name}" for name in ("machined", "fixed") if getattr(args, name))
         parts = (*PARTS, *MACHINED) if args.machined else PARTS
         look += f" --time-scale {args.time_scale:g}" if args.time_scale != FASTEST else ""
@@ -113,12 +115,6 @@ def run(args: argparse.Namespace) -> int:
     return 0 if picked == len(parts) and kitted and not found else 1
 
 
-def _begin_default_state(runs: Path, written: Path) -> None:
-    """Begin the recovery file of later daemons where the demo's run is the first in their folder. Raises OSError."""
-    if runs == folders.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
-        _begin(folders.state_folder(simulated=True), written.name)
-
-
 def _begin(state: Path, run: str) -> None:
     """Write an empty recovery state: a daemon that finds runs and none would report it as lost. Raises OSError."""
     with contextlib.closing(RecoveryFile(state / FILE)) as file:
@@ -137,10 +133,6 @@ def _time_scale(clock: Callable[[], float] = time.perf_counter) -> float:
     for number in range(STEPS):
         total += number & 3
     return round(min(FASTEST, max(1.0, FASTEST * STEPS_S / (clock() - began_s))), 1)
-
-
-def _variety(args: argparse.Namespace) -> dict[str, str]:
-    return {"table": args.table, "parts": args.parts}
 
 
 def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
@@ -171,7 +163,8 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
             "time_scale": args.time_scale,
             "seed": seed,
             "verdict": VERDICT,
-            **_variety(args),
+            "table": args.table,
+            "parts": args.parts,
         },
     }
 

@@ -96,15 +96,13 @@ def _recognise(args: argparse.Namespace) -> int:
             scene = look(left, right, calibration.rig, model, clock=thread_time)
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:
-                _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
+                path, several = args.draw, len(args.pairs) > 1
+                own = path.with_name(f"{path.stem}-{Path(name).resolve().name}{path.suffix}") if several else path
+                _draw(own, left, right, scene)
         except (FileError, VisionError) as error:
             print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
             status = NOT_UNDERSTOOD
     return status
-
-
-def _drawing_path(path: Path, pair: str, count: int) -> Path:
-    return path if count == 1 else path.with_name(f"{path.stem}-{Path(pair).resolve().name}{path.suffix}")
 
 
 def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:

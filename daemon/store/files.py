@@ -158,32 +158,28 @@ def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
     Raises OSError: then the old file is in place, even where syncing the rename failed.
     """
     with naming(path):
-        _write_atomically(path, content, synced)
-
-
-def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    before = path.read_bytes() if synced and path.is_file() else None
-    mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fchmod(file.fileno(), mode)
-            if synced:
-                os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    if not synced:
-        return
-    try:
-        _sync_folder(path.parent)
-    except OSError:
-        _put_back(path, before)
-        raise
+        path.parent.mkdir(parents=True, exist_ok=True)
+        before = path.read_bytes() if synced and path.is_file() else None
+        mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fchmod(file.fileno(), mode)
+                if synced:
+                    os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        if not synced:
+            return
+        try:
+            _sync_folder(path.parent)
+        except OSError:
+            _put_back(path, before)
+            raise
 
 
 def _put_back(path: Path, before: bytes | None) -> None:
@@ -192,7 +188,7 @@ def _put_back(path: Path, before: bytes | None) -> None:
         if before is None:
             path.unlink()
         else:
-            _write_atomically(path, before, synced=False)
+            write_atomically(path, before, synced=False)
     except OSError as error:
         why = f"written, but a power cut may undo it: {error.strerror}"
         raise OSError(error.errno, why, str(path)) from error
