@@ -241,9 +241,7 @@ def _doubtful(found: dict[str, Any]) -> bool:
 def _verify(talk: CommissioningSession) -> str:
     _go_to_board(talk)
     found = talk.do(f"calibrate verify {talk.order.calibrate}")
-    return (
-        f"{found['poses']} poses: lengths {found['length_mm']:.2f} mm off, a corner {found['spread_mm']:.2f} mm apart"
-    )
+    return f"{found['poses']} poses: lengths {found['length_mm']:.2f} mm off, corners {found['spread_mm']:.2f} mm apart"
 
 
 def _table(talk: CommissioningSession) -> str:

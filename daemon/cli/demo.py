@@ -208,7 +208,7 @@ def _teach(link: DaemonLink, drawn: dict[str, str]) -> None:
     for label, view, facets in VIEWS:
         if not any(_teach_view(link, label, view, facets) for _ in range(TEACHING_TRIES)):
             raise DemoError(
-                f"the {label} was not seen completely in {TEACHING_TRIES} looks; check light, focus and calibration"
+                f"the {label} was not seen whole in {TEACHING_TRIES} looks; check light, focus, calibration"
             )
     _teach_drawings(link, drawn)
     _train(link)
@@ -251,9 +251,7 @@ def _facets_in(text: str) -> list[str]:
     return sorted(kind for sides, kind in lines for _ in sides.split())
 
 
-def _clear(
-    link: DaemonLink, parts: Sequence[str], records: Iterator[Record], brought: Sequence[str]
-) -> list[dict[str, Any]]:
+def _clear(link: DaemonLink, parts: Sequence[str], records: Iterator[Record], brought: Sequence[str]) -> list[Record]:
     """Pick until all parts are in the bin, at most ROUNDS times; returns the end of each pick with its true error."""
     if parts != PARTS:
         _do(link, f"scatter {' '.join(parts)}")

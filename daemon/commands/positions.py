@@ -54,9 +54,8 @@ async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> 
     distance = _distance(words[1] if len(words) > 1 else "", unit)
     frame = one_of(words, 2, FRAMES, "frame", JOG_USAGE) if len(words) > 2 else "world"
     purpose = f"jog {axis} {distance:g} {unit} ({frame})"
-    pose = await with_questions(
-        context, context.cycle.jog(partial(_moved, number, unit, distance, frame), purpose), frontend
-    )
+    work = context.cycle.jog(partial(_moved, number, unit, distance, frame), purpose)
+    pose = await with_questions(context, work, frontend)
     if context.cycle.status()["dry"]:
         return CommandResult("Dry run: planned, not sent.")
     return CommandResult(f"At {at_mm(pose[:3, 3])}.", {"world_from_tool": pose.tolist()})

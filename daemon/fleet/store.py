@@ -86,8 +86,7 @@ class Store:
             os.replace(temporary, path)
 
     def put(self, folder: Path, name: str, *parts: str) -> tuple[int, str]:
-        """Copy a file of a folder, unless the store has the same; returns (bytes, sha256) as read back from the store.
-        Raises FileError, StoreError, OSError."""
+        """Copy a file unless the store has it; returns (bytes, sha256), read back. Raises FileError, StoreError."""
         target = self.path(*parts)
         with open_below(folder, name) as source:
             size, digest = _hashed(source)

@@ -230,8 +230,7 @@ class DaemonLink:
         self._partly_sent = False
 
     def _messages(self, say: Callable[[str], None] = print) -> Iterator[dict[str, Any]]:
-        """Messages of the daemon, until it disconnects. say: shows that a stop was not answered in time. Raises
-        StopUnansweredError where no late answer comes either."""
+        """Messages of the daemon until it disconnects. say: shows a late answer. Raises StopUnansweredError."""
         while True:
             while self._lines:
                 message = json.loads(self._lines.popleft())

@@ -337,9 +337,7 @@ class ConsolePrompt:
             await self._end_controller()
             if stopping:
                 self._emergency(f"{EMERGENCY}: the stop was not answered")
-            self._show(
-                "the daemon ended before it answered" if unfinished else "The daemon ended; waiting for it to return."
-            )
+            self._show("the daemon ended before it answered" if unfinished else "The daemon ended; waiting for it.")
             await self._reconnect()
 
     async def _reconnect(self) -> None:

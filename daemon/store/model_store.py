@@ -221,8 +221,7 @@ class ModelStore:
         return version
 
     def accept(self, version: int | None) -> tuple[int, files.ModelFile]:
-        """Take the candidate (version: the one that the caller means) into use; returns its version and its file.
-        Raises FileError, with nothing changed."""
+        """Take the candidate into use if it is this version; returns it and its file. Raises FileError, unchanged."""
         with self._locked():
             state = self._state()
             if state.candidate is None:
