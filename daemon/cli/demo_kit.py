@@ -26,12 +26,10 @@ class Nest:
 
     @property
     def name(self) -> str:
-        """Name of its place."""
         return f"nest_{self.part}"
 
     @property
     def drawing(self) -> str:
-        """The part's drawing in etc/."""
         return f"{self.part}.obj"
 
 

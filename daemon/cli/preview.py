@@ -37,7 +37,6 @@ class Preview:
 
     @property
     def address(self) -> str:
-        """The page's address."""
         return f"http://127.0.0.1:{self._server.server_address[1]}/"
 
     def serve(self) -> None:

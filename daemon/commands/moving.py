@@ -83,7 +83,6 @@ async def stop(context: CommandContext, _: list[str], frontend: Frontend) -> Com
 
 
 def _stop_result(alarm: str | None, text: str) -> CommandResult:
-    """The result of a stop."""
     return CommandResult(text) if alarm is None else CommandResult(alarm, {"error": alarm}, NOT_DONE)
 
 

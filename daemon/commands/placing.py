@@ -35,12 +35,10 @@ MOST_NAMED = 3
 
 
 def _names(context: CommandContext) -> list[str]:
-    """The names of all places."""
     return [place.name for place in context.cycle.placing.places.places]
 
 
 def _places_and_patterns(context: CommandContext) -> list[str]:
-    """The names of all places and patterns."""
     return [*_names(context), *context.cycle.placing.places.file.patterns]
 
 

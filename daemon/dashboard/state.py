@@ -100,7 +100,6 @@ class DashboardState:
             self.picks.append({"n": record.get("cycle"), **same, "s": seconds})
 
     def json(self) -> Json:
-        """The state as JSON values."""
         return {
             "daemon": self.daemon,
             "run": self.run,

@@ -41,7 +41,6 @@ class PickOrder(Struct, frozen=True):
 
     @property
     def done(self) -> bool:
-        """Whether all parts were brought."""
         return self.count == 0
 
     @property
@@ -87,7 +86,6 @@ class PickOrder(Struct, frozen=True):
         return dict(wanted - brought)
 
     def json(self) -> dict[str, Any]:
-        """JSON values of every field."""
         return dict(msgspec.to_builtins(self))
 
     def _with(self, steps: tuple[OrderStep, ...], count: int) -> PickOrder:

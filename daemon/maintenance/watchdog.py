@@ -50,7 +50,6 @@ class Watchdog:
         self._ended_s = dict(self._begun_s)
 
     async def run(self) -> None:
-        """Tick until cancelled."""
         try:
             while True:
                 self._tick()

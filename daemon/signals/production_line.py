@@ -80,7 +80,6 @@ class ProductionLine:
 
     @property
     def has_line(self) -> bool:
-        """Whether the cell has a line."""
         return bool(self.signals or self.plc.roles)
 
     @property
@@ -96,7 +95,6 @@ class ProductionLine:
         return [name for name, signal in self.signals.items() if signal.is_input is inputs]
 
     def has(self, role: str) -> bool:
-        """Whether there is a signal with that role."""
         return role in self._by_role
 
     async def read(self, name: str) -> bool:

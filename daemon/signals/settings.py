@@ -41,7 +41,6 @@ class SignalSettings:
 
     @property
     def is_input(self) -> bool:
-        """Whether it is an input."""
         return self.role in INPUTS
 
 

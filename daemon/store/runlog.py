@@ -78,7 +78,6 @@ class RunLog:
 
     @property
     def folder(self) -> Path:
-        """The folder of the current run."""
         return self._run.folder
 
     @property
