@@ -92,7 +92,7 @@ class CommissioningSession:
     @property
     def fault(self) -> str | None:
         """The active fault."""
-        fault: str | None = self._status()["fault"]
+        fault: str | None = self.status()["fault"]
         return fault
 
     def clear(self, expected: str | None) -> None:
@@ -100,7 +100,7 @@ class CommissioningSession:
         another operator, needs their yes first. Raises NotProvenError."""
         may_go_on = False
         while True:  # the answer does not clear what came while they thought
-            status = self._status()
+            status = self.status()
             if status["paused"] and not may_go_on:
                 self.need("The arm is paused by another operator. Resume it?")
                 may_go_on = True
@@ -119,19 +119,15 @@ class CommissioningSession:
     @property
     def simulated(self) -> bool:
         """Whether the cell is simulated, where nobody can put a part down by hand."""
-        return bool(self._status()["cell"] == "simulated")
+        return bool(self.status()["cell"] == "simulated")
 
     def facts(self) -> tuple[int, int | None]:
         """The calibration and the model in use, by number."""
         listed = self._link.do("calibrate list", "commission", lambda _: None)["data"]
-        return int(listed.get("current", 0)), self._status()["model"]["version"]
+        return int(listed.get("current", 0)), self.status()["model"]["version"]
 
-    @property
-    def mounting(self) -> str:
-        """Where the cameras are: hand, world."""
-        return str(self._status().get("mounting", "hand"))
-
-    def _status(self) -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
+        """The daemon's `status` as values."""
         return dict(self._link.do("status", "commission", lambda _: None)["data"])
 
 
@@ -209,7 +205,7 @@ def _light(talk: CommissioningSession) -> str:
 
 
 def _stereo(talk: CommissioningSession) -> str:
-    if talk.mounting == "world":
+    if talk.status().get("mounting") == "world":
         raise NotProvenError(
             "from here on commissioning moves cameras on the gripper, and these are fixed over the table"
         )

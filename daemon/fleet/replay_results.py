@@ -84,7 +84,7 @@ def summed(results: Sequence[tuple[str, Json]]) -> Json:
         "all": counted(every) | _times(look for _, look in looks),
         "by": {
             kind: {
-                name: counted(of) | _times(_unique(look for look, _ in of))
+                name: counted(of) | _times({id(look): look for look, _ in of}.values())
                 for name, of in sorted(found.items(), key=lambda group: (_BRIGHTNESS.get(group[0], 0), group[0]))
             }
             for kind, found in groups.items()
@@ -95,10 +95,6 @@ def summed(results: Sequence[tuple[str, Json]]) -> Json:
 
 def _name(pair: Json) -> str:
     return next((n for n in (pair["proved"], pair["then"], pair["now"]) if n and n != UNKNOWN), UNKNOWN)
-
-
-def _unique(looks: Iterable[Json]) -> Iterable[Json]:
-    return {id(look): look for look in looks}.values()
 
 
 def counted(pairs: Sequence[tuple[Json, Json]]) -> Json:

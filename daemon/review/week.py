@@ -32,7 +32,8 @@ def write_week(runs: Path, last: Path, out: Path) -> Path:
     for folder in picked:
         if not _is_fresh(folder):
             write_page(folder, folder / REPORT)
-    data = week_data([*picked.values()], [_link(folder, out) for folder in picked])
+    links = [Path(os.path.relpath(folder / REPORT, out.parent)).as_posix() for folder in picked]
+    data = week_data([*picked.values()], links)
     write_atomically(out, render("week", data, {}).encode())
     return out
 
@@ -42,10 +43,6 @@ def _is_fresh(folder: Path) -> bool:
         return (folder / REPORT).stat().st_mtime >= (folder / "run.jsonl").stat().st_mtime
     except OSError:
         return False
-
-
-def _link(folder: Path, out: Path) -> str:
-    return Path(os.path.relpath(folder / REPORT, out.parent)).as_posix()
 
 
 def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
