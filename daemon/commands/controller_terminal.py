@@ -125,9 +125,9 @@ async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
 
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
     controller = _monitor_of(context)
-    typist = Typist(context, controller, frontend)
     stops_reported: list[str] = []
     async with controller.terminal(lambda data: frontend.show(shown(data)), stops_reported.append) as send:
+        typist = Typist(context, controller, frontend, send)
         if controller.question is None:
             send(b"\r")  # an empty line makes the controller show its prompt
         else:  # an empty line might answer it
@@ -135,7 +135,7 @@ async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResu
 
         def typed(keys: bytes) -> None:
             with contextlib.suppress(*ANSWERABLE):  # a lost line or a stop is reported elsewhere
-                typist.typed(keys, send)
+                typist.typed(keys)
 
         await _while_connected(context, frontend.terminal(typed))
         await frontend.say(LEFT)
@@ -172,9 +172,11 @@ _SHOWN = [
 class Typist:
     """Follows typed lines: records each, and holds back the end of one that may not be sent."""
 
-    def __init__(self, context: CommandContext, controller: ControllerMonitor, frontend: Frontend) -> None:
+    def __init__(
+        self, context: CommandContext, controller: ControllerMonitor, frontend: Frontend, send: Callable[[bytes], None]
+    ) -> None:
         self._context, self._frontend, self._clock = context, frontend, context.hardware.clock
-        self._controller = controller
+        self._controller, self._to_controller = controller, send
         self._line, self._plain = bytearray(), bytearray()
         """The line without deleted keys; and every key typed."""
         self._unsent = bytearray()
@@ -183,41 +185,41 @@ class Typist:
         self._unconfirmed: tuple[str, float] | None = None
         """The line that waits for confirmation, and when the operator was asked."""
         self._keys_deleted, self._yes_may_move = False, controller.asks_whether_to_move
-        """_edited: keys of the line were deleted. _moving: a yes may move the arm, to this line or an earlier one."""
+        """Whether keys of the line were deleted; whether a yes may move the arm, to this line or an earlier one."""
         self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
 
-    def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
+    def typed(self, keys: bytes) -> None:
         """Take keys and send those that may be sent: plain characters and the editing keys known here. A controller may
         ignore a byte that is not ASCII and read a motion command behind it."""
         for key in (bytes([k]) for k in keys):
             self._plain += key
             if key in ENDS and self._is_stop():
-                self._withdraw(send)
+                self._withdraw()
             elif self._unconfirmed is not None:
-                self._take_answer(key, *self._unconfirmed, send)
+                self._take_answer(key, *self._unconfirmed)
             elif key in ENDS:
-                self._end_line(send)
+                self._end_line()
             elif key == CANCEL or key in RUBOUTS:
-                self._take_back(0 if key == CANCEL else -1, key, send)
+                self._take_back(0 if key == CANCEL else -1, key)
             elif b" " <= key <= b"~":
-                self._add(key, send)
+                self._add(key)
 
-    def _add(self, key: bytes, send: Callable[[bytes], None]) -> None:
+    def _add(self, key: bytes) -> None:
         begins = not self._line.strip()
         self._line += key
         if self._unsent or (self._yes_may_move and begins and key in YES):
             self._unsent += key
         else:
-            send(key)
+            self._to_controller(key)
 
-    def _take_back(self, to: int, key: bytes, send: Callable[[bytes], None]) -> None:
+    def _take_back(self, to: int, key: bytes) -> None:
         del self._line[to:]
         if self._unsent:
             del self._unsent[to:]
         else:
             self._keys_deleted = True
-            send(key)
+            self._to_controller(key)
 
     def _is_stop(self) -> bool:
         """Stop the arm where the line that ends here is a stop, even one typed as an answer or too soon for one."""
@@ -228,38 +230,38 @@ class Typist:
             self._stopping = asyncio.ensure_future(self._context.cycle.supervisor.stop(f"by {self._frontend.who}"))
         return stops
 
-    def _withdraw(self, send: Callable[[bytes], None]) -> None:
+    def _withdraw(self) -> None:
         """Send nothing of what was typed, and cancel the question."""
         self._line.clear()
         self._unsent.clear()
         if self._unconfirmed is not None:
             text, _ = self._unconfirmed
             self._unconfirmed = None
-            self._hold_back(text, "stopped", send)
+            self._hold_back(text, "stopped")
 
-    def _end_line(self, send: Callable[[bytes], None]) -> None:
+    def _end_line(self) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
         moves, why = self._controller.moves_the_arm(text), self._reason_held()
         if why is not None and (moves or (self._yes_may_move and text[:1].encode() in YES)):
-            self._hold_back(text, why, send)
+            self._hold_back(text, why)
         elif self._controller.turns_over(text):
-            self._hold_back(text, NO_TURNING_OVER, send)
+            self._hold_back(text, NO_TURNING_OVER)
         elif moves:
             self._unconfirmed = text, self._clock()
             self._frontend.show(f"\r\nfacetd: {ASKED} ".encode())
         else:
-            self._send(text, send)
+            self._send(text)
 
-    def _take_answer(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
+    def _take_answer(self, key: bytes, text: str, asked_s: float) -> None:
         if key in ENDS or self._clock() - asked_s < ANSWER_AFTER_S:
             return
         self._unconfirmed = None
         why = self._reason_held() if is_yes(key.decode("latin-1")) else "not confirmed"
         if why is None:
-            self._send(text, send)
+            self._send(text)
         else:
-            self._hold_back(text, why, send)
+            self._hold_back(text, why)
 
     def _reason_held(self) -> str | None:
         """The reason why a line that may move the arm may not be sent now, or None."""
@@ -270,14 +272,14 @@ class Typist:
             return f"the arm may not move now: {refused}"
         return "motion is paused: `resume`" if supervisor.hold.paused else None
 
-    def _hold_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
-        send(SPOIL)
+    def _hold_back(self, text: str, why: str) -> None:
+        self._to_controller(SPOIL)
         self._unsent.clear()
         self._keys_deleted = False
         self._frontend.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
         self._record(f"not sent: {text}")
 
-    def _send(self, text: str, send: Callable[[bytes], None]) -> None:
+    def _send(self, text: str) -> None:
         if text:
             self.lines += 1
             self._record(text)
@@ -285,7 +287,7 @@ class Typist:
             self._context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
         void_gripper_belief(self._context, self._controller, text)
         self._yes_may_move |= self._controller.moves_the_arm(text)
-        send((SPOIL + text.encode() if self._keys_deleted else bytes(self._unsent)) + b"\r")
+        self._to_controller((SPOIL + text.encode() if self._keys_deleted else bytes(self._unsent)) + b"\r")
         self._unsent.clear()
         self._keys_deleted = False
 

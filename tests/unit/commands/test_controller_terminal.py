@@ -53,9 +53,9 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
 def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, FakeFrontend]:
     sent, frontend = bytearray(), FakeFrontend()
     context.hardware.clock = count(0.0, apart_s).__next__
-    typist = Typist(context, context.hardware.robot.controller, frontend)
+    typist = Typist(context, context.hardware.robot.controller, frontend, sent.extend)
     for some in keys:
-        typist.typed(some, sent.extend)
+        typist.typed(some)
     return bytes(sent), frontend
 
 
@@ -168,15 +168,15 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     context = standing()
     supervisor = context.cycle.supervisor
     sent, frontend = bytearray(), FakeFrontend()
-    typist = Typist(context, context.hardware.robot.controller, frontend)
-    typist.typed(b"DO READY\r", sent.extend)
+    typist = Typist(context, context.hardware.robot.controller, frontend, sent.extend)
+    typist.typed(b"DO READY\r")
     if meanwhile == "pause":
         supervisor.hold.pause()
     elif meanwhile == "fault":
         supervisor.latch("stopped by bob")
     elif meanwhile == "line opened anew":
         supervisor.mover.cell.robot.permission.stop_tests = 0
-    typist.typed(b"y", sent.extend)
+    typist.typed(b"y")
     assert (bytes(sent) == b"DO READY\r") is (meanwhile == "nothing")
     assert ("not sent" in frontend.said[-1]) is (meanwhile != "nothing")
 
@@ -265,9 +265,10 @@ def test_whichever_keys_the_controller_does_not_know_it_reads_no_line_that_could
 
 def asked_by_cal(context: Any) -> tuple[Typist, bytearray]:
     """A terminal at which CAL was typed and agreed to, so that the controller asks; and what was sent to it."""
-    typist, sent = Typist(context, context.hardware.robot.controller, FakeFrontend()), bytearray()
+    sent = bytearray()
+    typist = Typist(context, context.hardware.robot.controller, FakeFrontend(), sent.extend)
     for keys in (b"CAL\r", b"y"):
-        typist.typed(keys, sent.extend)
+        typist.typed(keys)
     return typist, sent
 
 
@@ -277,7 +278,7 @@ def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(
     typist, sent = asked_by_cal(context)
     if paused:
         context.cycle.supervisor.hold.pause()
-    typist.typed(b"Y\r", sent.extend)
+    typist.typed(b"Y\r")
     assert bytes(sent) == b"CAL\r" + (SPOIL if paused else b"Y\r")
 
 
@@ -288,7 +289,7 @@ def test_of_a_yes_that_is_held_nothing_reaches_the_controller_that_begins_with_o
     typist, sent = asked_by_cal(context)
     context.cycle.supervisor.hold.pause()
     before = len(sent)
-    typist.typed(line, sent.extend)
+    typist.typed(line)
     assert not any(read.strip().startswith(("Y", "y")) for read in lines_read(bytes(sent[before:]), frozenset()))
 
 
