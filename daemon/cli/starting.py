@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from daemon.errors import FacetdError
+from daemon.quantities import whole
 
 STALLED_S = 60.0
 """Longest time without a new stage and without use of the processor."""
@@ -91,4 +92,4 @@ def _processor_s(pid: int) -> float:
         ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
     except OSError:
         return 0.0
-    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return sum(map(whole, ticks)) / os.sysconf("SC_CLK_TCK")
