@@ -3,10 +3,11 @@
 from daemon.vision.hypotheses.circles import rims_of, turns_about_axis
 from daemon.vision.hypotheses.directional_edge_map import edge_distances, in_sizes, self_similarity
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
-from daemon.vision.hypotheses.pose_batch import COVERED, pixels
+from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, pixels
 from daemon.vision.hypotheses.resting_poses import (
     SupportPlane,
     lies_on_support,
+    snapped_poses,
     snapped_where_it_lies,
 )
 from daemon.vision.hypotheses.search import (

@@ -72,9 +72,10 @@ def test_a_part_whose_plain_side_has_the_same_outline_is_not_said_to_lie_on_its_
     assert named(simulated_look("cover", seed))[0] != "misplaced"
 
 
-@pytest.mark.parametrize("seed", few([22, 24, 32], 1))
+@pytest.mark.parametrize("seed", few([208, 22, 24, 32], 2))
 def test_a_part_of_which_both_sides_have_one_outline_lies_on_the_known_table_and_not_in_it(seed: int) -> None:
-    """From afar a cover was said to lie upside down, 5 mm in the table, and no grasp held it so."""
+    """From afar a cover was said to lie upside down, 5 mm in the table, and no grasp held it so. In one look it lay
+    right side up only once it was laid onto the table."""
     one = on_table("cover", drawn("cover"), np.random.default_rng([*b"cover", seed]), (450.0, 520.0))
     up = -(true_pose(one)[:3, :3] @ solid("cover").normals[1])
     level_mm = float((frames.apply(true_pose(one), solid("cover").corners_mm) @ up).min())
