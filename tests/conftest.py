@@ -30,7 +30,7 @@ def browser() -> Iterator[Any]:
     driver.quit()
 
 
-LONGEST = ("test_whole_daemon.py", "test_cell_picks.py")
+LONGEST = ("test_guide_typed.py", "test_cell_picks.py")
 """The longest of `make test-long`, and of `make test`."""
 
 
