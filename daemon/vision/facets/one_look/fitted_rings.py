@@ -268,7 +268,8 @@ def _sketches(origin: Array, axes: Array, ring: Array, px_mm: float) -> Iterator
     if not sides:
         return
     short = [side for side in sides if side[1] - side[0] < ON_ARC_PX / SAMPLE_PX]
-    turns = _sketch(origin, axes, even, sides, px_mm).turns
+    every = _sketch(origin, axes, even, sides, px_mm)
+    turns = every.turns
     chords = [
         side
         for k, side in enumerate(sides)
@@ -276,7 +277,7 @@ def _sketches(origin: Array, axes: Array, ring: Array, px_mm: float) -> Iterator
     ]
     for kept in ([side for side in sides if side not in chords], *([sides] if chords else [])):
         if 1 <= len(kept) <= MAX_SIDES:
-            sketch = _sketch(origin, axes, even, kept, px_mm)
+            sketch = every if kept == sides else _sketch(origin, axes, even, kept, px_mm)
             hollow = (sketch.turns < 0) & (sketch.radius_mm > 0) & ~sketch.free
             if sketch.radius_mm.any() and not hollow.any() and sketch.is_sound():
                 yield sketch
@@ -285,20 +286,23 @@ def _sketches(origin: Array, axes: Array, ring: Array, px_mm: float) -> Iterator
 def _straight(ring: Array, off_mm: float) -> list[tuple[int, int]]:
     """First, and last + 1, places of the straight stretches of a ring (M, 2), the longest taken first; in order."""
     count, least = len(ring), int(SHORTEST_PX / SAMPLE_PX)
-    twice = np.concatenate([ring, ring])
-    terms = np.column_stack([twice, twice**2, twice[:, 0] * twice[:, 1]])
-    sums = np.concatenate([np.zeros((1, 5)), np.cumsum(terms, axis=0)])
-    free, found, size = np.ones(count, bool), list[tuple[int, int]](), count // 2
+    twice = np.concatenate([ring, ring]).T
+    sums = np.zeros((5, 2 * count + 1))
+    np.cumsum([*twice, *twice**2, twice[0] * twice[1]], axis=1, out=sums[:, 1:])
+    found, size = list[tuple[int, int]](), count // 2
+    taken = np.zeros(2 * count + 1, np.intp)  # of the places before each
     while size >= least:
-        x, y, xx, yy, xy = ((sums[size : size + count] - sums[:count]) / size).T
+        x, y, xx, yy, xy = (sums[:, size : size + count] - sums[:, :count]) / size
         a, b, c = xx - x * x, yy - y * y, xy - x * y
         off2 = (a + b) / 2 - np.sqrt(((a - b) / 2) ** 2 + c * c)
-        taken = np.concatenate([[0], np.cumsum(~np.concatenate([free, free]))])
-        off2[taken[size : size + count] > taken[:count]] = np.inf
+        if found:
+            off2[taken[size : size + count] > taken[:count]] = np.inf
         first = int(off2.argmin())
         if off2[first] < off_mm**2:
             found.append((first, first + size))
-            free[np.arange(first, first + size) % count] = False
+            used = np.zeros(count, bool)
+            used[np.arange(first, first + size) % count] = True
+            taken[1:] += np.cumsum(np.concatenate([used, used]))
         else:
             size = min(size - 1, int(SHORTER * size))
     return sorted(found)
@@ -311,7 +315,9 @@ def _sketch(origin: Array, axes: Array, ring: Array, sides: Sequence[tuple[int, 
     for first, last in sides:
         points = ring[np.arange(first, last) % len(ring)]
         middle = points.mean(0)
-        way = np.linalg.svd(points - middle)[2][0]
+        x, y = (points - middle).T
+        turn = np.arctan2(2 * (x @ y), x @ x - y @ y) / 2
+        way = np.array([np.cos(turn), np.sin(turn)])
         way = way * (np.sign(way @ (points[-1] - points[0])) or 1.0)
         direction.append(float(np.arctan2(way[1], way[0])))
         out.append(float(middle @ [way[1], -way[0]]))
