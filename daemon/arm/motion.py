@@ -292,10 +292,8 @@ class Mover:
         started_s = self.cell.clock()
         try:
             reading = await self.cell.robot.move(
-                command.world_from_tool,
+                command,
                 starts=lambda now: self._check_start(command.purpose, start, now),
-                straight=command.straight,
-                speed_pct=command.speed_pct,
                 timeout_s=longest_s,
                 then=then,
             )

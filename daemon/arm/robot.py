@@ -164,21 +164,14 @@ class Robot(Protocol):
         keeps moving."""
 
     async def move(
-        self,
-        world_from_tool: Array,
-        *,
-        starts: Callable[[Reading], None],
-        straight: bool,
-        speed_pct: float,
-        timeout_s: float,
-        then: MoveCommand | None = None,
+        self, command: MoveCommand, starts: Callable[[Reading], None], timeout_s: float, then: MoveCommand | None = None
     ) -> Reading:
         """Send one move, wait until the arm is at rest (two readings that agree), and return the last reading.
 
         Speed, location, a position reading and the move are sent without interruption, whatever was sent before.
-        starts: called with that reading; an exception of it propagates, and nothing has moved. straight: the tool
-        moves along a straight line, otherwise the joints are interpolated. The caller checks the arrival. then: the
-        move that will follow at once; its preparation may be sent before the last reading of this one.
+        starts: called with that reading; an exception of it propagates, and nothing has moved. The caller checks the
+        arrival. then: the move that will follow at once; its preparation may be sent before the last reading of this
+        one.
         """
 
     async def set_gripper(self, closed: bool) -> None:

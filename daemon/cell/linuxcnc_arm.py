@@ -216,23 +216,16 @@ class LinuxcncArm:
     # What moves.
 
     async def move(
-        self,
-        world_from_tool: Array,
-        *,
-        starts: Callable[[Reading], None],
-        straight: bool,
-        speed_pct: float,
-        timeout_s: float,
-        then: MoveCommand | None = None,
+        self, command: MoveCommand, starts: Callable[[Reading], None], timeout_s: float, then: MoveCommand | None = None
     ) -> Reading:
         stops = self._stops
         with self._as_cell_errors():
             await self._must_be_ours()
             here = await self._at_rest_within(0.0)
             starts(here)
-            joints = self._on_the_way(here, world_from_tool, straight)
+            joints = self._on_the_way(here, command)
             turns_deg = np.degrees(np.abs(np.diff(joints, axis=0)))
-            times_s = (turns_deg / self._settings.full_speed_deg_s).max(axis=1) / (speed_pct / 100.0)
+            times_s = (turns_deg / self._settings.full_speed_deg_s).max(axis=1) / (command.speed_pct / 100.0)
             for k, (target, time_s) in enumerate(zip(joints[1:], times_s, strict=True)):
                 if time_s > 0:
                     await self._block(target, time_s, partial(self._may_go_on, stops, begun=k > 0))
@@ -241,13 +234,13 @@ class LinuxcncArm:
                 raise CellError(f"{self._shell.where} says: {errors}")
         return there
 
-    def _on_the_way(self, here: Reading, world_from_tool: Array, straight: bool) -> Array:
+    def _on_the_way(self, here: Reading, command: MoveCommand) -> Array:
         """(N, 6) rad, from here to the target. Raises CellError where the arm cannot reach it."""
-        if not straight:
-            end = self.kinematics.reachable(world_from_tool, here.joints_rad)
+        if not command.straight:
+            end = self.kinematics.reachable(command.world_from_tool, here.joints_rad)
             joints = np.full((2, 6), np.nan) if end is None else np.stack([here.joints_rad, end])
         else:
-            motion = frames.difference(world_from_tool, here.world_from_tool)
+            motion = frames.difference(command.world_from_tool, here.world_from_tool)
             mm, rad = frames.size(motion)
             shares = np.linspace(0.0, 1.0, ceil(max(1.0, mm / STEP_MM, rad / STEP_RAD)) + 1)
             poses = np.stack([frames.perturb(here.world_from_tool, share * motion) for share in shares])
@@ -282,8 +275,7 @@ class LinuxcncArm:
         await self.work_valves(self._settings.close_outputs if closed else self._settings.open_outputs)
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        stops = self._stops
-        await self._switch(numbers, partial(self._may_go_on, stops, begun=False))
+        await self._switch(numbers, partial(self._may_go_on, self._stops, begun=False))
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         await self._switch(numbers, lambda: None)

@@ -17,9 +17,10 @@ from daemon.cell.sections import (
     dialect,
     puma_arm,
 )
-from daemon.cell.val2_arm import val2_arm
+from daemon.cell.val2_arm import Val2Arm
 from daemon.config import Config
 from drivers.camera.v4l2_stereo import V4L2StereoCamera
+from drivers.val2.link import Link
 
 
 def v4l2_cameras(config: Config, clock: Callable[[], float]) -> ThreadedCameras:
@@ -34,7 +35,8 @@ def _check_real(config: Config) -> None:
 
 def _real(config: Config, given: Surroundings) -> Hardware:
     port = config.values.arm.port
-    robot = val2_arm(port, dialect(config), arm_geometry(config), given.on_wire, given.clock, given.beliefs)
+    link = Link(port, dialect(config), given.clock, given.on_wire)
+    robot = Val2Arm(link, arm_geometry(config), given.beliefs)
     return Hardware("real", robot, v4l2_cameras(config, given.clock), given.clock, port)
 
 

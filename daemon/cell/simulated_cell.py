@@ -7,11 +7,12 @@ from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, dialect, puma_arm, truth
 from daemon.cell.simulated_operator import SimulatedOperator
-from daemon.cell.val2_arm import val2_arm
+from daemon.cell.val2_arm import Val2Arm
 from daemon.config import Config, kind_of
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.stand import VIEWS
+from drivers.val2.link import Link
 
 
 def _check(config: Config) -> None:
@@ -29,7 +30,7 @@ def _build(config: Config, given: Surroundings) -> Hardware:
         truth_file, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
     )
     line_dialect = dialect(config).on_a_faster_line(simulated.time_scale)
-    robot = val2_arm(cell.port, line_dialect, arm_geometry(config), given.on_wire, given.clock, given.beliefs)
+    robot = Val2Arm(Link(cell.port, line_dialect, given.clock, given.on_wire), arm_geometry(config), given.beliefs)
     operator = SimulatedOperator(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
     operator.mount(kind_of(config.values.pick.gripper))
     cell.camera.use(alone(config))

@@ -18,12 +18,10 @@ from daemon.arm import (
     VoidingEvent,
 )
 from daemon.arrays import Array
-from daemon.cell.backends import WireListener
 from daemon.cell.no_arm import CellError
 from daemon.cell.puma_arm import PumaArm
 from drivers import puma560
 from drivers.val2 import commands
-from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     ControllerError,
     Elsewhere,
@@ -34,7 +32,7 @@ from drivers.val2.errors import (
     lacks_zero,
 )
 from drivers.val2.link import Link, MoveStart, NextMove
-from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
+from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
 REST_S = 5.0
@@ -53,16 +51,16 @@ class Val2Arm:
     works_the_hand = staticmethod(commands.works_the_hand)
 
     def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
-        self.link = link
-        self.beliefs, self.permission = beliefs, MotionPermission()
-        link.permission = self.permission
+        """link: not yet open; gets the arm's permission, and the check of its readings by the arm's kinematics."""
+        self.link, self.beliefs, self.permission = link, beliefs, MotionPermission()
+        self.kinematics = PumaArm(arm)
+        link.permission, link.disturbed = self.permission, partial(beliefs.void, VoidingEvent.OTHERS_TYPED)
+        link.belongs_together = lambda where: belongs_together(self.kinematics.geometry, where)
         self.heard_s: float | None = None
         """Time of the controller's last answer, on the cell's clock."""
         self.aside = False
         """Whether a task has the line for itself: it talks to the controller, or waits for the end of a motion."""
-        self.arm = arm
         self._o_deg = 0.0
-        link.disturbed = self._others_typed
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
@@ -79,14 +77,11 @@ class Val2Arm:
         return question is not None and not self.link.dialect.asks_after_power_up(question)
 
     def use_tool(self, flange_from_tool: Array) -> None:
-        """Go on with another gripper, its tool centre point (4, 4) mm from the wrist centre: TOOL is set to it before
-        the next reading. Only while nothing is being done."""
-        self.arm = replace(self.arm, flange_from_tool=flange_from_tool)
-        self.link.belongs_together = partial(belongs_together, self.arm)
+        """See Robot; the controller's TOOL is set before the next reading. Only while nothing is being done."""
+        self.kinematics = PumaArm(replace(self.kinematics.geometry, flange_from_tool=flange_from_tool))
         self.beliefs.void(VoidingEvent.GRIPPER_CHANGED)
 
     async def close(self) -> None:
-        """Close the port; does not stop the arm."""
         await self.link.close()
 
     async def where(self) -> Reading:
@@ -117,55 +112,38 @@ class Val2Arm:
         return None
 
     async def move(
-        self,
-        world_from_tool: Array,
-        *,
-        starts: Callable[[Reading], None],
-        straight: bool,
-        speed_pct: float,
-        timeout_s: float,
-        then: MoveCommand | None = None,
+        self, command: MoveCommand, starts: Callable[[Reading], None], timeout_s: float, then: MoveCommand | None = None
     ) -> Reading:
         """One move; returns the reading at rest, at the target or not. Raises LinkError, and what starts raises."""
-        location = location_from_matrix(world_from_tool, self._o_deg)
-        start = MoveStart(speed_pct, lambda where: starts(self._reading(where)))
+        location, ahead = location_from_matrix(command.world_from_tool, self._o_deg), None
+        if then is not None:
+            next_location = location_from_matrix(then.world_from_tool, location.o_deg)
+            ahead = NextMove(next_location, then.straight, then.speed_pct)
+        start = MoveStart(command.speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
-            await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
+            await self.link.move(location, timeout_s, start, command.straight)
             try:
-                return self._reading(
-                    await self.link.wait_until_at_rest(location, timeout_s, self._ahead(then, location))
-                )
+                return self._reading(await self.link.wait_until_at_rest(location, timeout_s, ahead))
             except Elsewhere as elsewhere:
                 if elsewhere.where is None:
                     raise
                 return self._reading(elsewhere.where)
 
-    def _ahead(self, then: MoveCommand | None, here: Location) -> NextMove | None:
-        """The next move, its location as the arm at `here` needs it."""
-        if then is None:
-            return None
-        return NextMove(location_from_matrix(then.world_from_tool, here.o_deg), then.straight, then.speed_pct)
-
     async def set_gripper(self, closed: bool) -> None:
-        """CLOSEI or OPENI."""
         with _refusals():
-            await (self.link.close_hand if closed else self.link.open_hand)()
+            await self.link.set_hand(closed)
         self._heard()
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs: n on, -n off. Raises LinkError."""
         await self.link.set_outputs(numbers)
         self._heard()
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """Switch digital outputs that work the gripper, n on and -n off; held back as OPENI and CLOSEI are. Raises
-        LinkError, HeldBackError."""
         with _refusals():
             await self.link.work_valves(numbers)
         self._heard()
 
     async def ask_input(self, text: str) -> str:
-        """What the controller prints to a line that reads an input, on one line. Raises LinkError."""
         printed = await self.link.ask_plainly(text)
         self._heard()
         return " ".join(" ".join(printed).split())
@@ -185,7 +163,6 @@ class Val2Arm:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a line to the controller."""
         return self.link.connected
 
     async def stop_motion(self) -> None:
@@ -197,15 +174,10 @@ class Val2Arm:
         self._heard()
 
     async def test_stop(self) -> None:
-        """Check that the controller accepts the stop command. Raises StopRefusedError, LinkError."""
         self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
             await self.link.test_stop()
         self._heard()
-
-    @property
-    def kinematics(self) -> PumaArm:
-        return PumaArm(self.arm)
 
     @property
     def controller(self) -> "Val2Arm":
@@ -214,17 +186,14 @@ class Val2Arm:
 
     @property
     def stopped_on_opening(self) -> bool:
-        """Whether the arm was moving when the port was last opened, and was stopped."""
         return self.link.stopped_on_opening
 
     @property
     def question(self) -> str | None:
-        """The controller's open question, or None."""
         return self.link.question
 
     @property
     def heard_unasked(self) -> bool:
-        """Whether the next command would report what came on the line unasked."""
         return self.link.heard_unasked
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
@@ -247,7 +216,6 @@ class Val2Arm:
         return list(answer.lines)
 
     def check_typable(self, text: str) -> None:
-        """Raise CellError where a line cannot be typed to this controller."""
         if not self.link.dialect.can_type(text):
             most = self.link.dialect.line_limit
             raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
@@ -298,9 +266,6 @@ class Val2Arm:
             finally:
                 self.beliefs.void(VoidingEvent.OPERATOR_TYPED)
 
-    def _others_typed(self) -> None:
-        self.beliefs.void(VoidingEvent.OTHERS_TYPED)
-
     async def _rest(self, within_s: float | None = None) -> None:
         """Wait until two readings agree, whatever they are. Raises NoAnswer."""
         await self.link.still(within_s or self.link.dialect.motion_s, any_place=True)
@@ -328,8 +293,9 @@ class Val2Arm:
     async def _set_tool(self) -> None:
         """Set TOOL on the controller: after power-up it has none, and would move the flange to each target."""
         if self.link.question is None:
-            await self.link.tool(location_from_matrix(self.arm.tool_for_controller))
-            self.beliefs.learn(BeliefSource.COMMANDED, tool=self.arm.tool_for_controller)
+            tool = self.kinematics.geometry.tool_for_controller
+            await self.link.tool(location_from_matrix(tool))
+            self.beliefs.learn(BeliefSource.COMMANDED, tool=tool)
 
     def _reading(self, where: Where) -> Reading:
         self._heard()
@@ -338,19 +304,6 @@ class Val2Arm:
 
     def _heard(self) -> None:
         self.heard_s = self.link.clock()
-
-
-def val2_arm(
-    port: str,
-    dialect: Dialect,
-    arm: puma560.ArmGeometry,
-    on_wire: WireListener,
-    clock: Callable[[], float],
-    beliefs: Beliefs,
-) -> Val2Arm:
-    """The arm at a serial port, not yet opened. on_wire: receives every record of the wire ledger."""
-    link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
-    return Val2Arm(link, arm, beliefs)
 
 
 @contextlib.contextmanager

@@ -75,10 +75,8 @@ class ControllerError(LinkError):
 
     code = "controller_refused"
 
-    def __init__(self, message: str, where: Where | None = None, code: str | None = None) -> None:
-        super().__init__(
-            message, where, code or next((c for words, c in VAL_MESSAGES if words in message.lower()), None)
-        )
+    def __init__(self, message: str, where: Where | None = None) -> None:
+        super().__init__(message, where, next((c for words, c in VAL_MESSAGES if words in message.lower()), None))
 
 
 class StopWordRefused(ControllerError):  # noqa: N818

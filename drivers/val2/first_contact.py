@@ -39,7 +39,7 @@ from drivers.val2.contact_findings import (
     listen,
     same_place,
 )
-from drivers.val2.conversation import POISON
+from drivers.val2.conversation import POISON, TWICE
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import HALTED
 from drivers.val2.first_contact_moves import FINE_DIGITS, STEP_DEG, first_moves
@@ -147,10 +147,7 @@ def _silent(raw: bytes) -> str:
 def _line(known: ContactFindings) -> Steps:
     heard: Heard = yield Exchange(b"WHERE", 0.3, 1.0, CAREFUL_S)
     if b"WWHHEERREE" in heard.data:
-        raise UnclearError(
-            "what is typed comes back twice: the serial converter echoes as well as the controller, which hides what "
-            "the controller read. Switch the converter's echo off, then repeat the command"
-        )
+        raise UnclearError(f"{TWICE}, then repeat the command")
     echo = b"WHERE" in heard.data
     known.found("echo", echo, "what was typed " + ("came back" if echo else "did not come back"))
     answer = yield from listen(known, known.end, b"", 5.0)

@@ -7,9 +7,10 @@ motion is not repeated: the link finds the prompt again, reads WHERE, and raises
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from drivers.ledger import Ledger
@@ -86,17 +87,14 @@ class Link:
         dialect: Dialect | None = None,
         clock: Callable[[], float] = time.monotonic,
         on_wire: Callable[[dict[str, Any]], None] | None = None,
-        belongs_together: Callable[[Where], bool] | None = None,
         open_port: OpenPort = SerialPort,
     ) -> None:
-        """on_wire: called with every record of the wire ledger.
-
-        belongs_together: whether the joints of a WHERE match its location, by the arm's kinematics. A reading that does
-        not match (noise in a digit, another TOOL or BASE) is read again and never returned.
-        """
+        """on_wire: called with every record of the wire ledger."""
         self.port, self.dialect, self.clock = port, dialect or Dialect(), clock
         self._ledger = Ledger(on_wire)
-        self.belongs_together = belongs_together or (lambda where: True)
+        self.belongs_together: Callable[[Where], bool] = lambda _: True
+        """Whether the joints of a WHERE match its location, by the arm's kinematics. A reading that does not match
+        (noise in a digit, another TOOL or BASE) is read again and never returned."""
         self._open_port = open_port
         self._session: LineSession | None = None
         self._stop_task: asyncio.Task[Where | None] | None = None
@@ -109,7 +107,7 @@ class Link:
         than a preamble sent ahead is valid."""
         self.permission: SendPermission = Unconditional()
         """Checked at each try before a line that moves is ended; if motion is withheld, the line is cancelled."""
-        self.disturbed: Callable[[], None] = nothing
+        self.disturbed: Callable[[], object] = lambda: None
         """Called when something is received that answers no line of facetd's, before anything else is typed, so that
         the owner drops its beliefs about the cell. Motion is blocked through the permission: the stop is no longer
         verified."""
@@ -127,7 +125,7 @@ class Link:
 
         If the arm still carries out an earlier command (of a program that was killed), it is stopped.
         """
-        self._let_go()
+        await self.close()
         self._session = LineSession(
             self.port,
             self.dialect,
@@ -143,14 +141,11 @@ class Link:
             with self._session.being_opened():
                 await self._come_to_a_still_arm(self._session)
         except BaseException:
-            self._let_go()
+            await self.close()
             raise
 
     async def close(self) -> None:
         """Close the port; may be called twice. Does not stop the arm: stop_motion() does."""
-        self._let_go()
-
-    def _let_go(self) -> None:
         self._void_stop_test()
         self.permission.stop_took_s = 0.0
         self.program_may_run, self._preamble = False, None
@@ -166,11 +161,6 @@ class Link:
         stop command."""
         self._void_stop_test()
         self.disturbed()
-
-    @property
-    def stop_tests(self) -> int:
-        """permission.stop_tests; 0: not verified that the controller accepts the stop command."""
-        return self.permission.stop_tests
 
     @property
     def connected(self) -> bool:
@@ -217,26 +207,33 @@ class Link:
 
     # Asking
 
-    async def command(self, text: str, replies: Sequence[str] = (), timeout_s: float | None = None) -> ControllerAnswer:
-        """Type any command and return the whole answer; replies: to its questions, in order.
+    async def command(
+        self,
+        text: str,
+        replies: Sequence[str] = (),
+        timeout_s: float | None = None,
+        meant: Callable[[str], bool] = bool,
+    ) -> ControllerAnswer:
+        """Type any command and return the whole answer. replies: to its questions, in order; meant: whether they answer
+        a question.
 
         Raises ControllerError with the controller's message, or where it asks more questions than there are replies.
         """
-        return await self._carry_out((text,), replies, timeout_s)
+        session, moves = self._open_session, commands.moves_the_arm(text)
+        async with session.turn(moves) as talk:
+            self.program_may_run |= text != self.dialect.calibrate_word and commands.begins_a_program(text)
+            default_s = self.dialect.motion_s if moves else self.dialect.answer_s
+            return session.accept(await session.ask(talk, text, replies, timeout_s or default_s, meant, moves))
 
     async def where(self) -> Where:
-        """One WHERE, now, also while the arm moves. Use rest() or still() for a reading to compute with."""
+        """One WHERE, now, also while the arm moves. Use still() for a reading to compute with."""
         async with self._open_session.turn() as talk:
             return await self._where(talk)
-
-    async def speed(self, percent: float) -> None:
-        """Set the monitor speed, percent."""
-        await self.command(commands.speed(percent))
 
     async def calibrate(self, answer: str = "Y") -> ControllerAnswer:
         """Calibrate the arm (CAL) and confirm it. No other question is answered: the controller may just have lost its
         power. Raises ControllerError."""
-        return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, confirms)
+        return await self.command(self.dialect.calibrate_word, (answer,), self.dialect.calibrate_s, confirms)
 
     async def tool(self, flange_from_tool: Location) -> None:
         """Set the controller's tool centre point, in the flange's frame."""
@@ -244,30 +241,31 @@ class Link:
 
     # Moving
 
-    async def move(self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None) -> None:
-        """Start a joint-interpolated move; rest() waits for its end. start: None where the speed and the arm's position
-        do not matter. Raises ControllerError, and what start.agrees raises; then nothing has moved."""
-        await self._begin(self._lines(location, straight=False), timeout_s, start)
-
-    async def move_straight(
-        self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None
+    async def move(
+        self,
+        location: Location,
+        timeout_s: float | None = None,
+        start: MoveStart | None = None,
+        straight: bool = False,
     ) -> None:
-        """Start a straight-line move; otherwise like move."""
-        await self._begin(self._lines(location, straight=True), timeout_s, start)
+        """Start a move, joint-interpolated or straight; wait_until_at_rest() waits for its end. start: None where the
+        speed and the arm's position do not matter.
 
-    async def ready(self) -> Where:
-        """Move to the ready pose, and wait until the arm is at rest."""
-        await self.command("DO READY")
-        await self._break(self.dialect.motion_s)
-        return await self.still(self.dialect.motion_s)
+        If the move's line was garbled, the whole preamble is sent again; earlier answers do not count. Raises
+        ControllerError, and what start.agrees raises; then nothing has moved.
+        """
+        session, lines = self._open_session, self._lines(location, straight)
+        if self._announced_s is not None:
+            self._follows_s, self._announced_s = self.clock() - self._announced_s, None
+        answered_at_once = self.dialect.prompt_after_move == "start"
+        wait_s = timeout_s or (self.dialect.answer_s if answered_at_once else self.dialect.motion_s)
+        async with session.turn(moves=True) as talk:
+            before = partial(self._before_move, talk, lines, start)
+            session.accept(await session.ask(talk, lines[-1], (), wait_s, moves=True, first=before))
 
-    async def open_hand(self) -> None:
-        """Open the gripper (OPENI)."""
-        await self.command("DO OPENI", timeout_s=self.dialect.answer_s)
-
-    async def close_hand(self) -> None:
-        """Close the gripper (CLOSEI)."""
-        await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
+    async def set_hand(self, closed: bool) -> None:
+        """Close or open the gripper (CLOSEI, OPENI)."""
+        await self.command(f"DO {'CLOSEI' if closed else 'OPENI'}", timeout_s=self.dialect.answer_s)
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         """Switch digital outputs, n on and -n off, also while motion is not permitted, because an output may signal
@@ -356,10 +354,6 @@ class Link:
             raise PortError(f"{self.port}: not open")
         return self._session
 
-    @property
-    def _move_answer_s(self) -> float:
-        return self.dialect.answer_s if self.dialect.prompt_after_move == "start" else self.dialect.motion_s
-
     async def _come_to_a_still_arm(self, session: LineSession) -> None:
         """Reach the prompt with the arm at rest, or a power-up question, when nothing moves. Raises NoAnswer.
 
@@ -415,23 +409,6 @@ class Link:
             self._preamble = Preamble(lines, then.speed_pct, where, self.clock(), session.traffic)
         return where
 
-    async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: MoveStart | None) -> None:
-        """Start one motion, in one turn of the line. If its line was garbled, the whole preamble is sent again; earlier
-        answers do not count."""
-        session = self._open_session
-        if self._announced_s is not None:
-            self._follows_s, self._announced_s = self.clock() - self._announced_s, None
-        async with session.turn(moves=True) as talk:
-            answer = await session.ask(
-                talk,
-                lines[-1],
-                (),
-                timeout_s or self._move_answer_s,
-                moves=True,
-                first=lambda: self._before_move(talk, lines, start),
-            )
-            session.accept(answer)
-
     async def _before_move(self, talk: Conversation, lines: Sequence[str], start: MoveStart | None) -> None:
         """Send the preamble, unless a valid one was sent ahead. Raises Garbled where noise disturbs every try, and what
         start.agrees raises."""
@@ -470,23 +447,6 @@ class Link:
             "noise on the serial line: speed and target of a move could not be sent without errors; nothing moved. "
             "Check the cable and its shield, then `resume`"
         )
-
-    async def _carry_out(
-        self,
-        lines: Sequence[str],
-        replies: Sequence[str],
-        timeout_s: float | None,
-        meant: Callable[[str], bool] = bool,
-    ) -> ControllerAnswer:
-        """Type several lines in one turn, so that no stop can come between them unnoticed. Returns the last answer."""
-        session = self._open_session
-        async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
-            for line in lines:
-                self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
-                moves = commands.moves_the_arm(line)
-                default_s = self.dialect.motion_s if moves else self.dialect.answer_s
-                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, moves))
-        return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
         """Read WHERE. any_place: also accept a reading whose location and joints do not match."""
@@ -567,9 +527,7 @@ class Link:
     async def _stopped(self, session: LineSession, talk: Conversation) -> Where | None:
         """Type the stop command again and check its answer; then read WHERE twice: the readings must agree, or both be
         refused because the arm is not calibrated. Raises StopWordRefused."""
-        by_itself = await self._see_it_taken(
-            session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
-        )
+        by_itself = await self._see_it_taken(session, talk)
         readings: list[Where | None] = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
@@ -593,9 +551,7 @@ class Link:
         session.leave_unheard(by_itself)
         return now
 
-    async def _see_it_taken(
-        self, session: LineSession, type_word: Callable[[], Awaitable[ControllerAnswer]]
-    ) -> list[str]:
+    async def _see_it_taken(self, session: LineSession, talk: Conversation) -> list[str]:
         """Verify from its answer that the controller accepts the stop command. Returns what it reported by itself
         meanwhile, such as the end of a program or a loss of arm power: unlike a refusal, that does not come at each
         try.
@@ -605,7 +561,7 @@ class Link:
         """
         by_itself: list[str] = []
         for _ in range(MOST_JUDGED):
-            answer = await type_word()
+            answer = await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
             if answer.question is not None or not answer.errors:
                 session.accept(answer)
                 break
@@ -617,7 +573,7 @@ class Link:
         else:
             raise ControllerError("; ".join(by_itself))
         self.program_may_run = False
-        if not self.stop_tests:
+        if not self.permission.stop_tests:
             self._times_tested += 1
             self.permission.stop_tests = self._times_tested
         return by_itself
@@ -626,10 +582,6 @@ class Link:
 async def _brakes_hold() -> None:
     """Wait until the brakes hold an arm whose position cannot be read."""
     await asyncio.sleep(BRAKES_S)
-
-
-def nothing() -> None:
-    """Do nothing."""
 
 
 def mark_retrieved(stop: asyncio.Task[Where | None]) -> None:

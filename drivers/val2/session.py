@@ -49,7 +49,7 @@ class LineSession:
         ledger: Ledger,
         open_port: OpenPort,
         switched_on: Callable[[], None],
-        disturbed: Callable[[], None],
+        disturbed: Callable[[], object],
         permission: SendPermission,
     ) -> None:
         """Open the port. Raises PortError. Needs a running event loop. switched_on: called when the controller asks a
@@ -266,7 +266,11 @@ class LineSession:
         """Type a command once, and check that its answer contains nothing of somebody else's. Raises as
         Conversation.ask; Disturbed; NoAnswer where it contains a late answer to an earlier line; Garbled where a line
         came twice."""
-        answer = await self.retry_after_leftover(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
+        may_have_leftover = talk.line_may_have_leftover
+        answer = await talk.ask(text, replies, wait_s, meant, moves)
+        if may_have_leftover and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
+            # It was appended to a leftover of an earlier line, refused as unknown, and not executed.
+            answer = await talk.ask(text, replies, wait_s, meant, moves)
         if answer.question is None and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]
             # A refusal may have lines of its own; what follows a prompt was typed, and the error may be its answer.
@@ -274,17 +278,6 @@ class LineSession:
             self._refuse_others([line for line in others if _is_no_noise(line)])
             if not answer.errors and len(lines) < len(answer.of_text):
                 raise Garbled(f"a line of the answer to {text!r} came twice (noise?)")
-        return answer
-
-    async def retry_after_leftover(
-        self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]
-    ) -> ControllerAnswer:
-        """Type a line. If it was the first after a prompt search and was refused as unknown, type it once more: it had
-        been appended to a leftover of an earlier line, and was not executed."""
-        may_hold_rest = talk.line_may_have_leftover
-        answer = await type_it()
-        if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
-            answer = await type_it()
         return answer
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
@@ -416,10 +409,10 @@ class LineSession:
             self._listener(data)
         self._deliver(self._reader.receive(data))
         if self._reader.awaits_silence:
-            self._silence = asyncio.get_running_loop().call_later(self.dialect.prompt_silence_s, self._hear_silence)
-
-    def _hear_silence(self) -> None:
-        self._deliver(self._reader.silence())
+            loop = asyncio.get_running_loop()
+            self._silence = loop.call_later(
+                self.dialect.prompt_silence_s, lambda: self._deliver(self._reader.silence())
+            )
 
     def _deliver(self, events: list[LineEvent]) -> None:
         for event in events:

@@ -140,7 +140,8 @@ class Reader:
     """Turns a controller's output into events."""
 
     def __init__(self) -> None:
-        self._state = ReaderState.LINE
+        self.state = ReaderState.LINE
+        """What the next byte belongs to."""
         self._raw = bytearray()
         self._line = bytearray()
         self._fresh = True
@@ -150,11 +151,6 @@ class Reader:
         self._table: list[tuple[bytes, str]] = []
 
     @property
-    def state(self) -> ReaderState:
-        """What the next byte belongs to."""
-        return self._state
-
-    @property
     def pending(self) -> bytes:
         """The bytes since the last event."""
         return bytes(self._raw)
@@ -162,7 +158,7 @@ class Reader:
     @property
     def awaits_silence(self) -> bool:
         """Whether silence now would complete a prompt or a question."""
-        return self._state is ReaderState.LINE and (
+        return self.state is ReaderState.LINE and (
             self._dot_waits or self._question_waits or self._asked is not None or self._glued_prompt > 0
         )
 
@@ -185,11 +181,11 @@ class Reader:
 
     def typed(self, text: bytes) -> None:
         """Expect the echo of these bytes, which were just sent."""
-        self._state, self._expected, self._matched = ReaderState.ECHO, text, 0
+        self.state, self._expected, self._matched = ReaderState.ECHO, text, 0
 
     def line_ended(self, echoed: bool = True) -> None:
         """Note that the line end was just sent."""
-        self._state = ReaderState.ENDED if echoed else ReaderState.LINE
+        self.state = ReaderState.ENDED if echoed else ReaderState.LINE
         self._fresh = not echoed
 
     def receive(self, data: bytes) -> list[LineEvent]:
@@ -225,12 +221,12 @@ class Reader:
         return events
 
     def _take(self, byte: int, events: list[LineEvent]) -> None:
-        if self._state is ReaderState.LINE:
+        if self.state is ReaderState.LINE:
             self._take_line(byte, events)
-        elif self._state is ReaderState.ECHO:
+        elif self.state is ReaderState.ECHO:
             self._take_echo(byte, events)
-        elif self._state is ReaderState.ENDED and byte in LINE_ENDS:
-            self._state, self._fresh = ReaderState.LINE, True
+        elif self.state is ReaderState.ENDED and byte in LINE_ENDS:
+            self.state, self._fresh = ReaderState.LINE, True
         else:
             self._garbled(byte, events)
 
@@ -241,12 +237,12 @@ class Reader:
         self._matched += 1
         if self._matched == len(self._expected):
             events.append(Echo(self._cut(), _text(self._expected)))
-            self._state = ReaderState.TYPED
+            self.state = ReaderState.TYPED
 
     def _garbled(self, byte: int, events: list[LineEvent]) -> None:
         got = self._expected[: self._matched] + bytes([byte])
         events.append(Garble(self._cut(), _text(self._expected), _text(got)))
-        self._state, self._fresh = ReaderState.LINE, byte in LINE_ENDS
+        self.state, self._fresh = ReaderState.LINE, byte in LINE_ENDS
 
     def _take_line(self, byte: int, events: list[LineEvent]) -> None:
         if byte in LINE_ENDS:

@@ -75,9 +75,9 @@ def questions(link: Link) -> dict[str, Callable[[int], Awaitable[Any]]]:
     """What is timed; each is given the round's number."""
     return {
         "WHERE": lambda k: link.where(),
-        "SPEED": lambda k: link.speed(50),
+        "SPEED": lambda k: link.command("SPEED 50"),
         "DO MOVE TRANS(...) to its prompt": lambda k: link.move(PLACES[k % 2]),
-        "DO MOVES by a variable, likewise": lambda k: link.move_straight(PLACES[k % 2]),
+        "DO MOVES by a variable, likewise": lambda k: link.move(PLACES[k % 2], straight=True),
         "two agreeing WHERE": lambda k: link.still(5.0),
     }
 
@@ -91,8 +91,7 @@ def wire_bytes(records: list[dict[str, Any]]) -> int:
 async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Location, straight: bool) -> float:
     """Seconds from an arm at rest until its next move was typed to the last byte."""
     before, began_s = len(records), link.clock()
-    move = link.move_straight if straight else link.move
-    await move(place, start=MoveStart(50.0, lambda where: None))
+    await link.move(place, start=MoveStart(50.0, lambda where: None), straight=straight)
     await link.wait_until_at_rest(place)
     sent = [record for record in records[before:] if record["way"] == "out"]
     line = next(k for k, record in enumerate(sent) if record["bytes"].startswith("DO MOVE"))
@@ -101,7 +100,7 @@ async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Lo
 
 async def abort_in_mid_move(link: Link, server: PtyServer, k: int) -> tuple[float, float]:
     """Seconds from abort() until the controller braked, and until the link knew where the arm stands."""
-    await link.speed(5)
+    await link.command("SPEED 5")
     await link.move(Location(560.0, -60.0 if k % 2 else 60.0, -150.0, 5.0, 75.0, 0.0))
     began_s = server.now_s()
     aborting = asyncio.create_task(link.stop_motion())
@@ -111,7 +110,7 @@ async def abort_in_mid_move(link: Link, server: PtyServer, k: int) -> tuple[floa
     halt_s = server.now_s() - began_s
     await aborting
     rest_s = server.now_s() - began_s
-    await link.speed(100)
+    await link.command("SPEED 100")
     return halt_s, rest_s
 
 

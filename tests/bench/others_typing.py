@@ -69,7 +69,7 @@ async def story(act: Act, seed: int) -> str:
     came = "nothing"
     try:
         for place in (FAR, NEAR):
-            await link.move_straight(place, start=MoveStart(50.0, lambda where: None))
+            await link.move(place, start=MoveStart(50.0, lambda where: None), straight=True)
             await link.wait_until_at_rest(place)
     except LinkError as error:
         came = "noticed" if isinstance(error, Disturbed) else type(error).__name__

@@ -123,11 +123,11 @@ def test_a_part_lost_on_the_way_to_the_bin_is_released_and_not_picked(model, jaw
             simulated_cell.lay(here, "cube", np.random.default_rng(1))
             move, world = here.robot.move, here.cell.world
 
-            async def loses_it(pose, **how):
+            async def loses_it(*args, **how):
                 if world.held and here.log.said("move")[-1]["purpose"] == "bin":
                     world.open_hand(here.cell.world_from_tool())
                     world.gap_mm = 0.0 if jaws == "meet" else world.gap_mm
-                return await move(pose, **how)
+                return await move(*args, **how)
 
             here.robot.move = loses_it
             end = await here.cycle.pick()

@@ -109,7 +109,7 @@ def main(arguments: list[str]) -> int:
     """Run facetd with an adapter between it and its controller."""
     from daemon import main as program
     from daemon.cell import own_cells, simulated_cell
-    from daemon.cell.val2_arm import val2_arm
+    from drivers.val2.link import Link
 
     folder = Path(arguments[arguments.index("--config") + 1]).parent
 
@@ -118,9 +118,9 @@ def main(arguments: list[str]) -> int:
         orders = folder / "adapter"
         adapter.echoes = orders.exists() and "echo" in orders.read_text().split()
         threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
-        return val2_arm(str(folder / BY_ID), *more)
+        return Link(str(folder / BY_ID), *more)
 
-    with patch.object(own_cells, "val2_arm", behind), patch.object(simulated_cell, "val2_arm", behind):
+    with patch.object(own_cells, "Link", behind), patch.object(simulated_cell, "Link", behind):
         return program.main(arguments)
 
 

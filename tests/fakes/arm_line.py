@@ -14,6 +14,7 @@ from drivers.simcell.controller import Controller, Faults, PtyServer
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import Link
 from drivers.val2.port import OpenPort
+from drivers.val2.wire import Where
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import PacedPort
 from tests.fakes.simulated_time import SimulatedLoop
@@ -99,3 +100,10 @@ def line_in_time(
 
 MakesLine = Callable[..., ArmLine]
 """The type of the fixtures `arm_line` and `timed_line`: makes a controller with given manners on its own line."""
+
+
+async def ready(link: Link) -> Where:
+    """Move to the ready pose, and wait until the arm is at rest."""
+    await link.command("DO READY")
+    await link.command("DO BREAK", timeout_s=60.0)
+    return await link.still(60.0)

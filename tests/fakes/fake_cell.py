@@ -181,7 +181,8 @@ class FakeRobot:
     async def wait_until_at_rest(self) -> Reading:
         return await FakeRobot.where(self)
 
-    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):
+    async def move(self, command, starts, timeout_s, then=None):
+        world_from_tool = command.world_from_tool
         self.world.before("move")
         starts(Reading(self.world.at.copy(), self._joints(self.world.at)))
         self.world.wire.append(("move", world_from_tool.copy()))

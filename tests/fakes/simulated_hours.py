@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from daemon.arm import CameraName
@@ -19,7 +18,7 @@ from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.pick_cell import pick_cell
 from daemon.cell.sections import arm_geometry, dialect, truth
-from daemon.cell.val2_arm import Val2Arm, belongs_together
+from daemon.cell.val2_arm import Val2Arm
 from daemon.config import load_config
 from daemon.console.context import CommandContext
 from daemon.maintenance.troubles import Troubles
@@ -56,9 +55,8 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: CameraName 
     calibration = load_calibration(config.calibration)
     cell, log = SimulatedCell(truth(config), seed, loop=loop), ListLog()
     geometry: Any = arm_geometry(config)
-    checked: Any = partial(belongs_together, geometry)
     assert isinstance(cell.server, MemoryLine)
-    link = Link("memory", dialect(config), loop.time, log.wire.append, checked, cell.server.open)
+    link = Link("memory", dialect(config), loop.time, log.wire.append, cell.server.open)
     cell.camera.use(alone)
     cameras = ThreadedCameras(cell.camera, loop.time, alone)
     robot = Val2Arm(link, geometry, Beliefs(loop.time, log.record))

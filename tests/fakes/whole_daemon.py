@@ -46,7 +46,7 @@ from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.sections import arm_geometry, dialect
 from daemon.cell.simulated_operator import SimulatedOperator
-from daemon.cell.val2_arm import Val2Arm, belongs_together
+from daemon.cell.val2_arm import Val2Arm
 from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
@@ -988,7 +988,6 @@ class Story:
             manners,
             self.loop.time,
             on_wire,
-            partial(belongs_together, geometry),
             self.line.open,
         )
         kind = SimulatedOperator if self._parts else BareTable

@@ -35,9 +35,9 @@ def test_an_arm_that_hangs_in_a_short_move_is_given_up_after_the_time_of_that_mo
     mover = mover_in(World(np.random.default_rng(0)))
     granted_s, move = [], mover.cell.robot.move
 
-    async def listening(world_from_tool, *, timeout_s, **how):
+    async def listening(command, starts, timeout_s, then):
         granted_s.append(timeout_s)
-        return await move(world_from_tool, timeout_s=timeout_s, **how)
+        return await move(command, starts, timeout_s, then)
 
     monkeypatch.setattr(mover.cell.robot, "move", listening)
     asyncio.run(mover.travel(NEAR, "near", lambda _: 100.0, straight=True))

@@ -339,7 +339,7 @@ def _all_but(left_out):
 
 
 async def _go_without_place(self, told):
-    await self.cell.robot.move(told.world_from_tool, starts=print, straight=True, speed_pct=1.0, timeout_s=1.0)
+    await self.cell.robot.move(told, print, timeout_s=1.0)
 
 
 @pytest.mark.parametrize("point", [(x, y, 10.0) for x in (-7.5, 7.5) for y in (-45.0, 45.0)])

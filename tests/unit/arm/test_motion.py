@@ -309,9 +309,9 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
     mover = mover_in(world)
     honest = mover.cell.robot.move
 
-    async def flipped(world_from_tool, **how):
-        reading = await honest(world_from_tool, **how)
-        over = puma560.inverse(world_from_tool, puma560.Configuration(flip=True), ARM, reading.joints_rad)
+    async def flipped(told, starts, timeout_s, then=None):
+        reading = await honest(told, starts, timeout_s, then)
+        over = puma560.inverse(told.world_from_tool, puma560.Configuration(flip=True), ARM, reading.joints_rad)
         return Reading(reading.world_from_tool, over)
 
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
@@ -378,8 +378,8 @@ def test_on_a_line_alone_a_joint_may_have_gone_once_round(straight):
     asyncio.run(mover.go(command(NEAR, straight, 50.0)))
     honest = mover.cell.robot.move
 
-    async def once_round(world_from_tool, **how):
-        reading = await honest(world_from_tool, **how)
+    async def once_round(told, starts, timeout_s, then=None):
+        reading = await honest(told, starts, timeout_s, then)
         return Reading(reading.world_from_tool, reading.joints_rad + np.eye(6)[5] * 2 * np.pi)
 
     mover.cell.robot.move = once_round
@@ -424,8 +424,9 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
     mover = mover_in(world)
     move = mover.cell.robot.move
 
-    async def missing(world_from_tool, **how):
-        return await move(frames.perturb(world_from_tool, np.array(off, float)), **how)
+    async def missing(told, starts, timeout_s, then=None):
+        beside = frames.perturb(told.world_from_tool, np.array(off, float))
+        return await move(replace(told, world_from_tool=beside), starts, timeout_s, then)
 
     mover.cell.robot.move = missing
     with pytest.raises(NotAtTargetError, match="the arm did not arrive: WHERE is"):
@@ -507,8 +508,8 @@ def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may
 
     here = asyncio.run(mover.wait_until_at_rest())
 
-    async def exactly(world_from_tool, **_):
-        return Reading(world_from_tool, here.joints_rad)
+    async def exactly(told, starts, timeout_s, then=None):
+        return Reading(told.world_from_tool, here.joints_rad)
 
     mover.cell.robot.move = exactly
     asyncio.run(mover.go(command(HEAD_DOWN, True, 20.0)))
@@ -629,9 +630,9 @@ def test_each_move_of_a_way_announces_the_next_and_the_last_announces_none(monke
     mover = mover_in(world, max_step_mm=20.0)
     told, move = [], mover.cell.robot.move
 
-    async def listening(world_from_tool, *, then=None, **how):
-        told.append((world_from_tool, then))
-        return await move(world_from_tool, **how)
+    async def listening(going, starts, timeout_s, then=None):
+        told.append((going.world_from_tool, then))
+        return await move(going, starts, timeout_s)
 
     monkeypatch.setattr(mover.cell.robot, "move", listening)
     asyncio.run(mover.travel(NEAR, "a test", lambda pose: 20.0 + pose[0, 3] / 100.0, straight=True))

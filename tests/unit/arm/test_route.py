@@ -158,10 +158,11 @@ class Jumping:
     async def wait_until_at_rest(self):
         return self.at
 
-    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):
+    async def move(self, command, starts, timeout_s, then=None):
         starts(self.at)
-        self.sent.append((straight, world_from_tool))
-        self.at = Reading(world_from_tool, ROBOT.reachable(world_from_tool, self.at.joints_rad))
+        target = command.world_from_tool
+        self.sent.append((command.straight, target))
+        self.at = Reading(target, ROBOT.reachable(target, self.at.joints_rad))
         return self.at
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daemon.arm import MoveCommand
 from daemon.cell import sections
 from daemon.cell.build import build, cameras_alone
 from daemon.cell.no_arm import CellError
@@ -56,7 +57,7 @@ def test_the_guide_s_cell_is_found_checked_built_and_looks(cards: Path) -> None:
         await hardware.open()
         pair = await hardware.cameras.grab(time.monotonic(), 1.0)
         with pytest.raises(CellError):
-            await hardware.robot.move(np.eye(4), starts=print, straight=True, speed_pct=10, timeout_s=1)
+            await hardware.robot.move(MoveCommand(np.eye(4), True, 10.0, "test"), print, 1.0)
         assert hardware.robot.controller is None
         await hardware.close()
         return hardware.kind, int(pair.left.pixels[3, 4])

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from daemon.arm import MoveCommand
 from daemon.cell import build as cell
 from daemon.cell.hardware import Hardware
 from daemon.cell.no_arm import CellError
@@ -71,7 +72,7 @@ def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -
             if n in (1, 3):
                 assert built.cameras.step()
         with pytest.raises(CellError, match="this cell is recorded: there is no arm to move"):
-            await built.robot.move(np.eye(4), starts=print, straight=True, speed_pct=10, timeout_s=1)
+            await built.robot.move(MoveCommand(np.eye(4), True, 10.0, "test"), print, 1.0)
         await built.close()
         return seen
 

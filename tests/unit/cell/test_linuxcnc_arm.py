@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm import Beliefs, HeldBackError, Reading, StopRefusedError
+from daemon.arm import Beliefs, HeldBackError, MoveCommand, Reading, StopRefusedError
 from daemon.arm.permission import Grant
 from daemon.cell import sections
 from daemon.cell.backends import Surroundings
@@ -107,7 +107,7 @@ def lived(story: Callable[[LinuxCNC, LinuxcncArm], Awaitable[None]], opened: boo
 async def moved(
     arm: LinuxcncArm, target: np.ndarray, straight: bool, starts: Callable[[Reading], None] = print
 ) -> Reading:
-    return await arm.move(target, starts=starts, straight=straight, speed_pct=20.0, timeout_s=5.0)
+    return await arm.move(MoveCommand(target, straight, 20.0, "test"), starts, timeout_s=5.0)
 
 
 def beside(pose: np.ndarray, mm: tuple[float, float, float]) -> np.ndarray:

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from daemon.arm import Beliefs, StopRefusedError
+from daemon.arm import Beliefs, MoveCommand, StopRefusedError
 from daemon.cell.val2_arm import ENDED, NO_ZERO, Val2Arm
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
@@ -145,10 +145,10 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(
         async with line.link() as link:
             arm = arm_of(link, ArmGeometry(flange_from_tool=tool))
             here = (await arm.where()).world_from_tool
-            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(MoveCommand(here, False, 20.0, "test"), lambda _: None, 20.0)
             await meanwhile(arm, line)
             await arm.where()
-            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(MoveCommand(here, False, 20.0, "test"), lambda _: None, 20.0)
 
     runner.run(story())
     with line.server.controller() as controller:
@@ -165,7 +165,7 @@ def test_a_speed_that_others_set_between_two_moves_is_not_that_of_the_next(
         async with arm_on(line) as arm:
             here = (await arm.where()).world_from_tool
             for _ in range(2):
-                await arm.move(here, starts=lambda _: None, straight=True, speed_pct=10.0, timeout_s=20.0)
+                await arm.move(MoveCommand(here, True, 10.0, "test"), lambda _: None, 20.0)
                 with line.server.controller() as controller:
                     assert controller.machine.speed_percent == 10.0
                     assert controller.machine.program_percent == 100.0
@@ -187,7 +187,7 @@ def test_a_controller_whose_programs_have_no_speed_is_moved_all_the_same(
     async def story() -> None:
         async with arm_on(line) as arm:
             here = (await arm.where()).world_from_tool
-            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(MoveCommand(here, False, 20.0, "test"), lambda _: None, 20.0)
 
     runner.run(story())
     with line.server.controller() as controller:
@@ -340,7 +340,7 @@ def test_a_program_that_moves_the_arm_on_and_on_is_ended_soon_and_one_motion_may
         told: list[str] = []
         arm = arm_of(Link(line.port, clock=loop.time, open_port=line.open), ArmGeometry())
         await arm.open()
-        await arm.link.speed(30.0)
+        await arm.link.command("SPEED 30")
         began_s = loop.time()
         if typed == "a line":
             told += await arm.monitor("EXEC PROG")

@@ -145,8 +145,8 @@ def test_a_move_that_ends_elsewhere_is_a_fault():
     robot = cycle.cell.robot
     honest = robot.move
 
-    async def short(world_from_tool, **how):
-        reading = await honest(world_from_tool, **how)
+    async def short(command, starts, timeout_s, then=None):
+        reading = await honest(command, starts, timeout_s, then)
         reading.world_from_tool[0, 3] += 2.0
         return reading
 

@@ -24,6 +24,7 @@ from daemon.arm import belief, motion
 from daemon.arm.belief import CellBelief, VoidingEvent, voided
 from daemon.arm.motion import Mover
 from daemon.arm.supervisor import Supervisor
+from daemon.cell import val2_arm
 from daemon.events.outcomes import Outcome
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick import approach, take
@@ -44,7 +45,6 @@ from drivers.val2.link import Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.session import LineSession
 from drivers.val2.wire import LineEvent, WhereTable
-from tests.fakes import whole_daemon
 from tests.fakes.chosen import few
 from tests.fakes.whole_daemon import Story, failing_writes
 
@@ -254,7 +254,7 @@ def test_a_tool_that_another_terminal_sets_moves_no_arm():
         for text in ("go home", *["jog z -60"] * 4):
             typed(story, text, 8.0)
 
-    unseen: Guard = (whole_daemon, "belongs_together", lambda *_: True)
+    unseen: Guard = (val2_arm, "belongs_together", lambda *_: True)
     proven(act, "below the table", HEARS_OTHERS, unseen, (motion, "_check_configuration", nothing))
 
 

@@ -40,7 +40,7 @@ def drive(cell: SimulatedCell, *steps: str | Array) -> None:
         try:
             for step in steps:
                 if isinstance(step, str):
-                    await (link.close_hand() if step == "close" else link.open_hand())
+                    await (link.set_hand(closed=True) if step == "close" else link.set_hand(closed=False))
                 else:
                     target: Location = location_from_matrix(step)
                     await link.move(target)

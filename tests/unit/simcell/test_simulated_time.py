@@ -18,6 +18,7 @@ from drivers.simcell.controller import Controller, Faults, LineFault, Mishap
 from drivers.val2.errors import ControllerError, PortError, Preempted
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
+from tests.fakes.arm_line import ready
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.simulated_time import SimulatedLoop
 
@@ -42,7 +43,7 @@ def test_ten_minutes_of_moves_pass_in_the_time_their_work_takes() -> None:
         controller = Controller(SimulatedArm(joints_rad=READY_RAD))
         _, link = line_to(controller)
         await link.open()
-        await link.speed(20)
+        await link.command("SPEED 20")
         moves = 0
         while controller.now_s < 600.0:
             target = Location(520.0, 40.0 * (moves % 5), -100.0, 0.0, 80.0, 10.0 * (moves % 3))
@@ -83,7 +84,7 @@ def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
         controller = Controller(SimulatedArm(joints_rad=READY_RAD))
         line, link = line_to(controller)
         await link.open()
-        await link.speed(5)
+        await link.command("SPEED 5")
         target = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
         await link.move(target)
         waiting = asyncio.create_task(link.wait_until_at_rest(target))
@@ -108,7 +109,7 @@ def test_a_lost_line_and_a_mishap_are_told_as_on_a_real_one() -> None:
         with line.controller() as held:
             held.mishap(Mishap.EMERGENCY_STOP)
         with pytest.raises(ControllerError, match="Emergency stop"):
-            await link.ready()
+            await ready(link)
         line.unplug()
         with pytest.raises(PortError, match="gone"):
             await link.where()
@@ -132,7 +133,7 @@ def test_the_whole_cell_lives_in_simulated_time() -> None:
         cell.world.stand("cube", 0, 520.0, 0.0, 0.0)
         cell.motion_monitor.may_move(loop.time(), True)
         target = Location(520.0, 0.0, 60.0, 0.0, 90.0, 0.0)
-        await link.ready()
+        await ready(link)
         await link.move(target)
         await link.wait_until_at_rest(target)
         asked_s = loop.time()

@@ -44,7 +44,7 @@ def test_a_pause_that_comes_while_the_line_of_a_move_is_typed_keeps_it_from_bein
         await link.open()
         await link.test_stop()
         with pytest.raises(LineHeldBack):
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
         return port.lines
 
     assert MOVES not in lived(story())
@@ -59,7 +59,7 @@ def test_what_somebody_types_right_behind_the_reading_before_a_move_sends_no_mov
         await link.open()
         await link.test_stop()
         with pytest.raises(Disturbed):
-            await link.move_straight(GOAL, start=MoveStart(40.0, lambda _: port.others("SPEED 100\r\n.")))
+            await link.move(GOAL, start=MoveStart(40.0, lambda _: port.others("SPEED 100\r\n.")), straight=True)
         return port.lines
 
     assert MOVES not in lived(story())
@@ -75,7 +75,7 @@ def test_where_the_speed_or_the_place_of_a_move_is_refused_no_move_is_sent(refus
         await link.open()
         await link.test_stop()
         with pytest.raises(ControllerError, match="Illegal value"):
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
         return port.lines
 
     assert MOVES not in lived(story())

@@ -59,7 +59,7 @@ async def opened() -> tuple[Stalled, Link, list[str]]:
 
 
 @pytest.mark.parametrize("searches", few([2, 1, 3], 1))
-@pytest.mark.parametrize("ask", [Link.where, lambda link: link.speed(40.0)], ids=["WHERE", "SPEED"])
+@pytest.mark.parametrize("ask", [Link.where, lambda link: link.command("SPEED 40")], ids=["WHERE", "SPEED"])
 def test_the_late_echo_of_a_search_is_nobodys_line_wherever_it_stands_in_the_next_exchange(
     ask: Callable[[Link], Any], searches: int
 ) -> None:
@@ -149,7 +149,7 @@ def test_what_somebody_else_types_is_theirs_where_no_echo_of_ours_is_due(at_firs
         link = linked(port)
         await link.open()
         with pytest.raises(Disturbed):
-            await link.speed(40.0)
+            await link.command("SPEED 40")
         await link.close()
 
     lived(story())

@@ -32,7 +32,7 @@ def a_session(timed_line: MakesLine, faults: Sequence[LineFault] = (), **setting
         cell = timed_line(time_scale=SCALE)
         async with cell.link(Dialect(resync_s=0.4, **settings)) as link:
             cell.faults.line.extend(map(copy, faults))
-            await link.speed(80)
+            await link.command("SPEED 80")
             await link.move(GOAL)
             await link.wait_until_at_rest(GOAL)
             await link.calibrate("N")
@@ -123,9 +123,9 @@ def test_a_keeper_that_fails_loses_records_and_never_the_line(arm_line: MakesLin
     async def scene() -> None:
         link = Link(arm_line(time_scale=SCALE).server.port, Dialect(resync_s=0.4), on_wire=keep)
         await link.open()
-        await link.speed(80)
+        await link.command("SPEED 80")
         await link.stop_motion()
-        assert link.stop_tests
+        assert link.permission.stop_tests
         await link.close()
 
     asyncio.run(scene())

@@ -110,7 +110,7 @@ def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_d
     async def scene() -> None:
         link = Link(arm_line(Manners(echo=False)).server.port, QUICK, open_port=echoing)
         await link.open()
-        await link.speed(10)
+        await link.command("SPEED 10")
         np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
         await link.stop_motion()
         await link.close()
@@ -280,7 +280,7 @@ def test_a_stop_goes_out_on_a_line_that_noise_holds_and_so_does_what_is_typed_on
         cell = arm_line()
         far = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
         async with cell.link(replace(QUICK, software_flow_control=True)) as link:
-            await link.speed(2)
+            await link.command("SPEED 2")
             await link.move(far)
             with cell.server.controller() as controller:
                 assert not controller.machine.at_rest()

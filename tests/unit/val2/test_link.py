@@ -20,7 +20,7 @@ from drivers.val2.errors import ControllerError, Elsewhere, Garbled, LinkError, 
 from drivers.val2.link import Link, mark_retrieved
 from drivers.val2.location import Location, apart, location_from_matrix
 from drivers.val2.wire import Where
-from tests.fakes.arm_line import MakesLine
+from tests.fakes.arm_line import MakesLine, ready
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so
 
@@ -56,11 +56,11 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
     async def scene() -> None:
         cell = timed_line(Manners(prompt_after_move=prompt))
         async with cell.link(quick(break_after_move=break_after_move)) as link:
-            await link.speed(50)
+            await link.command("SPEED 50")
             await link.move(GOAL)
             there = await link.wait_until_at_rest(GOAL, 20.0)
             assert apart(there.location, GOAL) == pytest.approx((0, 0), abs=0.01)
-            await link.move_straight(NEARBY)
+            await link.move(NEARBY, straight=True)
             there = await link.wait_until_at_rest(NEARBY, 20.0)
             assert apart(there.location, NEARBY) == pytest.approx((0, 0), abs=0.01)
             assert cell.server.now_s() > 0
@@ -76,7 +76,7 @@ def test_a_straight_move_can_be_one_line_or_two(timed_line: MakesLine) -> None:
         async with cell.link(quick(straight_through_variable=through_variable)) as link:
             await link.move(GOAL)
             await link.wait_until_at_rest(GOAL)
-            await link.move_straight(NEARBY)
+            await link.move(NEARBY, straight=True)
             await link.wait_until_at_rest(NEARBY)
         return str(cell.sent())
 
@@ -88,9 +88,9 @@ def test_ready_and_the_hand(timed_line: MakesLine) -> None:
     async def scene() -> None:
         cell = timed_line()
         async with cell.link() as link:
-            await link.close_hand()
-            await link.open_hand()
-            where = await link.ready()
+            await link.set_hand(closed=True)
+            await link.set_hand(closed=False)
+            where = await ready(link)
             np.testing.assert_allclose(where.joints_deg, np.degrees(READY_RAD), atol=1e-3)
         assert cell.hand == [True, False]
 
@@ -158,7 +158,7 @@ def test_power_up_is_asked_and_answered_before_anything_else(timed_line: MakesLi
                 await link.calibrate()
             await asyncio.sleep(0.2)
             await link.calibrate()
-            await link.ready()
+            await ready(link)
 
     lived(scene())
 
@@ -290,7 +290,7 @@ def test_a_rest_that_opening_left_in_the_line_spoils_no_command(timed_line: Make
         async with cell.link() as link:
             assert cell.sent().count("DO BREAK") == 2
             assert not link.stopped_on_opening
-            await link.speed(10)
+            await link.command("SPEED 10")
             with pytest.raises(ControllerError, match="Illegal command"):
                 await link.command("NONSENSE")
 
@@ -372,7 +372,7 @@ def test_an_abort_stops_the_arm_whoever_is_using_the_link(
     async def scene() -> None:
         cell = timed_line(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
         async with cell.link() as link:
-            await link.speed(10)
+            await link.command("SPEED 10")
 
             async def mover() -> None:
                 await link.move(GOAL)
@@ -403,7 +403,7 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
     async def scene() -> None:
         cell = timed_line(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
         async with cell.link() as link:
-            moving = asyncio.create_task(link.move_straight(NEARBY))
+            moving = asyncio.create_task(link.move(NEARBY, straight=True))
             await asyncio.sleep(after_ms / 1000)
             stopped = await link.stop_motion()
             await asyncio.gather(moving, return_exceptions=True)
@@ -445,7 +445,7 @@ def test_an_abort_gets_past_a_question(timed_line: MakesLine, text: str) -> None
     async def scene() -> None:
         cell = timed_line(time_scale=2.0)
         async with cell.link() as link:
-            await link.speed(10)
+            await link.command("SPEED 10")
             await link.move(GOAL)
             asking = asyncio.create_task(link.command(text))
             await asyncio.sleep(0.3)
@@ -473,7 +473,7 @@ def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_
             assert await link.stop_motion() is None
             await asyncio.gather(moving, return_exceptions=True)
             assert "Load VAL" in str(link.question)
-            assert not link.stop_tests
+            assert not link.permission.stop_tests
             assert "\rN\r" not in cell.sent()
             await link.power_up()
             await link.test_stop()
@@ -623,7 +623,8 @@ def place_and_joints_agree(where: Where) -> bool:
 def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(timed_line: MakesLine, after: int) -> None:
     async def scene() -> None:
         cell = timed_line()
-        link = cell.closed_link(quick(), belongs_together=place_and_joints_agree)
+        link = cell.closed_link(quick())
+        link.belongs_together = place_and_joints_agree
         await link.open()
         await go(link, GOAL)
         cell.faults.line.append(LineFault("to_host", "flip", after=after))
@@ -637,7 +638,8 @@ def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(timed_line: Make
 def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(timed_line: MakesLine) -> None:
     async def scene() -> None:
         cell = timed_line()
-        link = cell.closed_link(quick(), belongs_together=place_and_joints_agree)
+        link = cell.closed_link(quick())
+        link.belongs_together = place_and_joints_agree
         await link.open()
         await link.command("TOOL TRANS(0,0,100,0,-90,90)")
         with pytest.raises(Garbled, match="do not fit each other: noise on the line, or somebody set TOOL or BASE"):
@@ -662,7 +664,7 @@ def test_a_prompt_in_two_halves_is_waited_for(timed_line: MakesLine) -> None:
         cell = timed_line()
         async with cell.link() as link:
             cell.faults.split_prompt_s = 6.0
-            await link.speed(40)
+            await link.command("SPEED 40")
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
 
     lived(scene())
@@ -682,7 +684,7 @@ def test_characters_can_be_typed_slowly(timed_line: MakesLine) -> None:
     async def scene() -> None:
         cell = timed_line()
         async with cell.link(quick(character_pause_s=0.002)) as link:
-            await link.speed(40)
+            await link.command("SPEED 40")
             await link.where()
         assert "WHERE" in cell.sent()
         assert not [record for record in cell.records if record["way"] == "out" and "WHERE" in record["bytes"]]
@@ -760,7 +762,7 @@ def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(timed_line: MakesLine) -> N
     async def scene() -> None:
         cell = timed_line(time_scale=5.0)
         async with cell.link() as link:
-            await link.speed(20)
+            await link.command("SPEED 20")
             await link.move(GOAL)
             with cell.server.controller() as controller:
                 controller.arm.halt(controller.now_s)
@@ -813,7 +815,7 @@ def test_a_stop_that_nobody_waits_for_any_more_is_nobodys_unhandled_error() -> N
 
 
 def test_a_link_that_was_never_opened_has_seen_no_stop() -> None:
-    assert not Link("nowhere").stop_tests
+    assert not Link("nowhere").permission.stop_tests
 
 
 @pytest.mark.parametrize(("prompt", "usual_s"), [("start", 3.0), ("end", 50.0), ("either", 50.0)])
@@ -838,9 +840,9 @@ def test_the_answer_to_a_move_is_waited_for_as_long_as_was_said_or_as_its_contro
     link._session = Line()  # type: ignore[assignment]
 
     async def moves() -> None:
-        for move in (link.move, link.move_straight):
-            await move(GOAL)
-            await move(GOAL, 0.7)
+        for straight in (False, True):
+            await link.move(GOAL, straight=straight)
+            await link.move(GOAL, 0.7, straight=straight)
 
     asyncio.run(moves())
     assert waited_s == [usual_s, 0.7] * 2

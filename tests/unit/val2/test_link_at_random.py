@@ -60,11 +60,11 @@ class Scene:
     async def go_straight(self) -> None:
         self.orders += 1
         place = PLACES[self.rng.integers(len(PLACES))]
-        await self.link.move_straight(place)
+        await self.link.move(place, straight=True)
         await self.link.wait_until_at_rest(place)
 
     async def hand(self) -> None:
-        await self.link.close_hand()
+        await self.link.set_hand(closed=True)
 
     def harm(self) -> None:
         """Something goes wrong with the next order, or nothing."""

@@ -128,7 +128,7 @@ def test_who_comes_while_the_line_is_opened_types_nothing_amid_that() -> None:
         await asyncio.sleep(0.0)
         assert not opening.done()
         where = asyncio.ensure_future(link.where())
-        hand = asyncio.ensure_future(link.open_hand())
+        hand = asyncio.ensure_future(link.set_hand(closed=False))
         await opening
         await asyncio.gather(where, hand)
         return port.lines
@@ -185,10 +185,10 @@ def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_i
         await link.open()
         port.at_first = said + PROMPT
         if raised is None:
-            await link.speed(5.0)
+            await link.command("SPEED 5")
         else:
             with pytest.raises(ControllerError, match=raised):
-                await link.speed(5.0)
+                await link.command("SPEED 5")
         return port.lines
 
     assert lived(story()).count("SPEED 5") == (2 if raised is None else 1)
@@ -217,13 +217,13 @@ def test_what_is_reported_while_a_reading_behind_a_lost_answer_is_lost_as_well_i
 def test_a_link_that_was_let_go_has_no_line_and_has_seen_no_stop_and_one_opened_anew_found_no_arm_at_work() -> None:
     async def story() -> None:
         link = linked(Scripted(usual))
-        assert (link.connected, link.stop_tests, link.stopped_on_opening) == (False, False, False)
+        assert (link.connected, link.permission.stop_tests, link.stopped_on_opening) == (False, False, False)
         await link.open()
         await link.test_stop()
-        assert (link.connected, link.stop_tests) == (True, True)
+        assert (link.connected, link.permission.stop_tests) == (True, True)
         await link.close()
         await link.close()
-        assert (link.connected, link.stop_tests) == (False, False)
+        assert (link.connected, link.permission.stop_tests) == (False, False)
         with pytest.raises(PortError, match="not open"):
             await link.where()
         link.stopped_on_opening = True
@@ -277,7 +277,7 @@ def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_
         await link.open()
         assert link.question == "Load VAL-II from floppy (Y/N)?"
         with pytest.raises(ControllerError, match="answer it"):
-            await link.speed(5.0)
+            await link.command("SPEED 5")
         answer = await link.power_up(("Y", "N"))
         assert answer.lines[-1] == "Initialize (Y/N)?"
         assert link.question is None
@@ -334,19 +334,17 @@ def test_after_an_answer_to_a_question_that_nobody_knows_a_program_may_run(asks:
     ("act", "typed", "settings"),
     [
         (lambda link: link.move(GOAL), [f"DO MOVE {TRANS}"], {}),
-        (lambda link: link.move_straight(GOAL), [f"DO SET P={TRANS}", "DO MOVES P"], {"variable": "P"}),
-        (lambda link: link.move_straight(GOAL), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
-        (lambda link: link.ready(), ["DO READY", "DO BREAK", "WHERE", "WHERE"], {}),
-        (lambda link: link.ready(), ["DO READY", "WHERE", "WHERE"], {"break_after_move": False}),
+        (lambda link: link.move(GOAL, straight=True), [f"DO SET P={TRANS}", "DO MOVES P"], {"variable": "P"}),
+        (lambda link: link.move(GOAL, straight=True), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
         (lambda link: link.wait_until_at_rest(GOAL), ["DO BREAK", "WHERE"], {}),
         (lambda link: link.wait_until_at_rest(replace(GOAL, x_mm=500.1)), ["DO BREAK", "WHERE", "WHERE"], {}),
         (lambda link: link.wait_until_at_rest(replace(GOAL, a_deg=0.05)), ["DO BREAK", "WHERE", "WHERE"], {}),
         (lambda link: link.wait_until_at_rest(GOAL), ["WHERE", "WHERE"], {"break_after_move": False}),
-        (lambda link: link.open_hand(), ["DO OPENI"], {}),
-        (lambda link: link.close_hand(), ["DO CLOSEI"], {}),
+        (lambda link: link.set_hand(closed=False), ["DO OPENI"], {}),
+        (lambda link: link.set_hand(closed=True), ["DO CLOSEI"], {}),
         (lambda link: link.tool(GOAL), [f"TOOL {TRANS}"], {}),
         (
-            lambda link: link.move_straight(GOAL, start=START),
+            lambda link: link.move(GOAL, start=START, straight=True),
             ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}", "WHERE", "DO MOVES GOAL"],
             {},
         ),
@@ -374,12 +372,12 @@ def test_what_is_typed_for_each_thing_the_arm_is_told(act: Any, typed: list[str]
         (lambda link: link.command("STATUS"), 2.0),
         (lambda link: link.command("STATUS", timeout_s=3.0), 3.0),
         (lambda link: link.command("DO READY"), 40.0),
-        (lambda link: link.open_hand(), 2.0),
-        (lambda link: link.close_hand(), 2.0),
+        (lambda link: link.set_hand(closed=False), 2.0),
+        (lambda link: link.set_hand(closed=True), 2.0),
         (lambda link: link.move(GOAL), 40.0),
         (lambda link: link.move(GOAL, 7.0), 7.0),
-        (lambda link: link.move_straight(GOAL), 40.0),
-        (lambda link: link.move_straight(GOAL, 7.0), 7.0),
+        (lambda link: link.move(GOAL, straight=True), 40.0),
+        (lambda link: link.move(GOAL, 7.0, straight=True), 7.0),
         (lambda link: link.calibrate(), 90.0),
     ],
 )
@@ -454,9 +452,9 @@ def test_a_place_that_its_joints_do_not_put_the_tool_at_is_asked_for_again_and_n
             "scripted",
             Dialect(typing_attempts=3),
             asyncio.get_running_loop().time,
-            belongs_together=lambda where: where.location.x_mm < 900.0,
             open_port=port.open,
         )
+        link.belongs_together = lambda where: where.location.x_mm < 900.0
         await link.open()
         return await link.still(1.0, True) if any_place else await link.still(1.0)
 
@@ -474,7 +472,7 @@ def test_an_arm_that_seems_at_work_on_opening_is_stopped_before_anything_else_is
         link = linked(port)
         await link.open()
         assert link.stopped_on_opening
-        assert link.stop_tests
+        assert link.permission.stop_tests
         assert port.lines[:2] == ["!!", "ABORT"]
 
     lived(story())
@@ -488,7 +486,7 @@ def test_opening_a_line_that_a_stop_waits_for_is_over_when_the_stop_is_and_found
         stopping = asyncio.ensure_future(link.stop_motion())
         await opening
         assert stopping.done()
-        assert link.stop_tests
+        assert link.permission.stop_tests
         assert not link.stopped_on_opening
 
     lived(story())
@@ -531,14 +529,14 @@ def test_the_first_line_after_a_prompt_was_sought_is_typed_again_where_a_rest_st
     def loses_one(line: str, nth: int) -> str:
         return ("", ILLEGAL, PROMPT)[nth] if line == "SPEED 5" else usual(line, nth)
 
-    came, lines, _ = told(lambda link: link.speed(5.0), loses_one)
-    assert came is None
+    came, lines, _ = told(lambda link: link.command("SPEED 5"), loses_one)
+    assert came.errors == ()
     assert lines == ["SPEED 5"] * 3
 
     def refuses_it(line: str, nth: int) -> str:
         return "\r\n*Not calibrated*" + PROMPT if line == "DO BREAK" else usual(line, nth)
 
-    _, lines, _ = told(lambda link: link.speed(5.0), refuses_it)
+    _, lines, _ = told(lambda link: link.command("SPEED 5"), refuses_it)
     assert lines == ["SPEED 5"], "another error is no rest"
 
 
@@ -627,10 +625,10 @@ def test_what_a_command_asks_is_open_until_it_is_answered_and_a_stop_gets_past_i
             await link.command("CAL")
         assert link.question == "Are you sure (Y/N)?"
         with pytest.raises(ControllerError, match="answer it"):
-            await link.speed(5.0)
+            await link.command("SPEED 5")
         assert (await link.stop_motion()) is not None
         assert link.question is None
-        await link.speed(5.0)
+        await link.command("SPEED 5")
 
     came, lines, _ = told(act, says)
     assert came is None
@@ -691,7 +689,7 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
             await link.test_stop()
         with pytest.raises(ControllerError, match="floppy"):
             await link.where()
-        return link.stop_tests, link.question, port.lines
+        return link.permission.stop_tests, link.question, port.lines
 
     stop_tests, question, lines = lived(story())
     assert (stop_tests, question) == (0, "Load VAL II from floppy (Y/N)?")
@@ -716,7 +714,7 @@ def test_what_the_controller_says_by_itself_amid_a_stop_is_no_refusal_of_it_and_
         with pytest.raises(ControllerError) as said:
             await link.where()
         await link.where()
-        return link.stop_tests, str(said.value)
+        return link.permission.stop_tests, str(said.value)
 
     assert lived(story()) == (1, "*Emergency stop*")
 
@@ -732,7 +730,7 @@ def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_ref
         await link.open()
         with pytest.raises(StopWordRefused) as refused:
             await link.test_stop()
-        return str(refused.value), link.stop_tests
+        return str(refused.value), link.permission.stop_tests
 
     assert lived(story()) == ("the controller does not accept ABORT (it answers `*What?*`)", 0)
 
@@ -753,7 +751,7 @@ def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and
         link.permission = Withheld()
         await link.open()
         port.at_first = told
-        await link.speed(30)
+        await link.command("SPEED 30")
         with pytest.raises((LineHeldBack, ControllerError)) as raised:
             await link.move(GOAL)
         return port.lines, port._line, str(raised.value)
@@ -825,9 +823,9 @@ def test_of_a_move_whose_place_is_not_where_it_was_to_start_no_line_that_moves_i
     def elsewhere(where: Where) -> None:
         raise Elsewhere(f"at x {where.location.x_mm:g}")
 
-    for move in (Link.move, Link.move_straight):
+    for straight in (False, True):
         came, lines, _ = told(
-            partial(lambda move, link: move(link, GOAL, start=MoveStart(40.0, elsewhere)), move), usual
+            partial(Link.move, location=GOAL, start=MoveStart(40.0, elsewhere), straight=straight), usual
         )
         assert str(came) == "at x 500"
         assert lines[-1] == "WHERE"
@@ -855,7 +853,7 @@ def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_spe
 
         port.write = spoils_one
         del port.lines[:]
-        await link.move_straight(GOAL, start=START)
+        await link.move(GOAL, start=START, straight=True)
         return port.lines
 
     assert lived(story()) == [*told_once, *whole]
@@ -877,12 +875,14 @@ def followed(
         link = linked(port, **settings)
         await link.open()
         await link.test_stop()
-        await link.move_straight(GOAL, start=START)
+        await link.move(GOAL, start=START, straight=True)
         await link.wait_until_at_rest(GOAL, then=THEN)
         del port.lines[:]
         await between(link, port)
         try:
-            await link.move_straight(THERE, start=MoveStart(40.0, lambda where: asked.append(where.location.x_mm)))
+            await link.move(
+                THERE, start=MoveStart(40.0, lambda where: asked.append(where.location.x_mm)), straight=True
+            )
         except Disturbed as disturbed:
             came = disturbed
         return port.lines, asked, came
@@ -905,7 +905,7 @@ def test_a_preamble_sent_ahead_goes_before_the_reading() -> None:
         port = Scripted(usual)
         link = linked(port)
         await link.open()
-        await link.move_straight(GOAL, start=START)
+        await link.move(GOAL, start=START, straight=True)
         del port.lines[:]
         await link.wait_until_at_rest(GOAL, then=THEN)
         return port.lines
@@ -917,10 +917,10 @@ def test_a_preamble_sent_ahead_goes_before_the_reading() -> None:
     "between",
     [
         lambda link, _: asyncio.sleep(2 * PREAMBLE_S),
-        lambda link, _: link.speed(40.0),
+        lambda link, _: link.command("SPEED 40"),
         lambda link, _: link.where(),
         lambda link, _: link.test_stop(),
-        lambda link, _: link.close_hand(),
+        lambda link, _: link.set_hand(closed=True),
     ],
     ids=["time", "a speed", "a question", "a stop", "the gripper"],
 )
@@ -944,10 +944,10 @@ def test_of_another_move_than_the_one_announced_all_is_told() -> None:
         port = Scripted(usual)
         link = linked(port)
         await link.open()
-        await link.move_straight(GOAL, start=START)
+        await link.move(GOAL, start=START, straight=True)
         await link.wait_until_at_rest(GOAL, then=THEN)
         del port.lines[:]
-        await link.move_straight(place, start=MoveStart(speed_pct, lambda where: None))
+        await link.move(place, start=MoveStart(speed_pct, lambda where: None), straight=True)
         return port.lines
 
     assert lived(story(THERE, 40.0)) == ["DO MOVES GOAL"]
@@ -983,7 +983,7 @@ def test_where_moves_do_not_follow_at_once_no_preamble_is_sent_ahead_until_they_
         link = linked(port)
         await link.open()
         for wait_s in (2 * PREAMBLE_S, 0.0, 0.0):
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
             del port.lines[:]
             await link.wait_until_at_rest(GOAL, then=NextMove(GOAL, straight=True, speed_pct=40.0))
             typed.append(list(port.lines))
@@ -1031,10 +1031,10 @@ def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(h
         await asyncio.sleep(0.1)
         came: Exception | None = None
         try:
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
         except Exception as error:
             came = error
-        return came, port.lines, len(voided), link.stop_tests
+        return came, port.lines, len(voided), link.permission.stop_tests
 
     for within in (False, True):
         if within and heard in ("\r\n.", "SPEED 10"):
@@ -1057,8 +1057,8 @@ def test_what_somebody_types_behind_our_prompt_and_gets_refused_is_theirs_and_no
         await link.open()
         await link.test_stop()
         with pytest.raises(Disturbed, match="DO SPEED 300 ALWAYS"):
-            await link.move_straight(GOAL, start=START)
-        assert not link.stop_tests
+            await link.move(GOAL, start=START, straight=True)
+        assert not link.permission.stop_tests
         return port.lines
 
     assert "DO MOVES GOAL" not in lived(story())
@@ -1082,7 +1082,7 @@ def test_a_second_prompt_to_a_line_before_a_move_keeps_the_move_back(line: str) 
 
         port.says = types_as_well
         with pytest.raises((Disturbed, Garbled)):
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
         return port.lines
 
     assert "DO MOVES GOAL" not in lived(story())
@@ -1104,7 +1104,7 @@ def test_the_stop_is_confirmed_however_prompts_are_printed_and_is_tried_as_it_is
         del port.lines[:]
         await link.test_stop()
         tried = list(port.lines)
-        assert link.stop_tests
+        assert link.permission.stop_tests
         del port.lines[:]
         assert await link.stop_motion() is not None
         return tried, port.lines

@@ -182,7 +182,7 @@ def test_a_late_answer_before_a_move_keeps_the_move_back() -> None:
         port.hear(table().encode())
         await asyncio.sleep(1.0)
         with pytest.raises(NoAnswer, match="too late"):
-            await link.move_straight(GOAL, start=START)
+            await link.move(GOAL, start=START, straight=True)
         return dropped, [line for line in port.lines if "MOVE" in line]
 
     assert lived(story()) == ([], [])

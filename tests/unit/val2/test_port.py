@@ -121,7 +121,7 @@ def test_whoever_waits_for_the_end_of_a_motion_hears_at_once_that_the_port_was_c
             with pytest.raises(Disturbed, match=TYPED_IN):
                 await asyncio.wait_for(breaking, 60.0)
             assert disturbed == ["beliefs void"]
-            assert not link.stop_tests
+            assert not link.permission.stop_tests
             assert await link.stop_motion() is not None
             await link.where()
 

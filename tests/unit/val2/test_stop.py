@@ -42,7 +42,7 @@ async def under_way(dialect: Dialect | None = None, **manners: Any) -> tuple[Con
     line = MemoryLine(controller, loop)
     link = Link(line.port, dialect, clock=loop.time, open_port=line.open)
     await link.open()
-    await link.speed(5)
+    await link.command("SPEED 5")
     moving = asyncio.create_task(link.move(FAR))
     moving.add_done_callback(lambda task: task.exception())
     await asyncio.sleep(1.0)
@@ -115,7 +115,7 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         assert controller.machine.at_rest()
         with pytest.raises(StopWordRefused):
             await link.stop_motion()
-        assert not link.stop_tests
+        assert not link.permission.stop_tests
 
     at_simulated_time(story())
 
@@ -145,15 +145,15 @@ def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_w
         line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD)), loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
-        assert not link.stop_tests
+        assert not link.permission.stop_tests
         await link.test_stop()
-        assert link.stop_tests
+        assert link.permission.stop_tests
         await link.open()
-        assert not link.stop_tests
+        assert not link.permission.stop_tests
         link.dialect = replace(link.dialect, abort_word="HALT")
         with pytest.raises(StopWordRefused, match="Illegal command"):
             await link.test_stop()
-        assert not link.stop_tests
+        assert not link.permission.stop_tests
 
     at_simulated_time(story())
 
@@ -170,7 +170,7 @@ def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_i
         with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Encoder fault\*`: remove the cause"):
             await link.stop_motion()
         assert controller.machine.at_rest()
-        assert link.stop_tests
+        assert link.permission.stop_tests
 
     at_simulated_time(story())
 
@@ -222,7 +222,7 @@ def test_an_arm_whose_controller_lost_its_zero_on_the_way_is_not_said_to_be_stop
     async def story() -> None:
         controller, line, link = await under_way(power_up=())
         await link.stop_motion()
-        await link.speed(100.0)
+        await link.command("SPEED 100")
         moving = asyncio.create_task(link.move(FAR))
         moving.add_done_callback(lambda task: task.exception())
         await asyncio.sleep(0.6)
@@ -280,7 +280,7 @@ def test_a_controller_that_was_switched_off_in_a_stop_is_believed_once_its_brake
         controller.mishap(Mishap.POWER_CYCLED)
         assert await stopping is None
         assert link.question is not None
-        assert not link.stop_tests
+        assert not link.permission.stop_tests
         return line.now_s() - told_s
 
     assert 0.5 < at_simulated_time(story()) < 1.0
@@ -336,7 +336,7 @@ def test_a_program_that_asks_whether_to_go_on_is_no_controller_that_was_switched
         line = MemoryLine(controller, loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
-        await link.speed(5)
+        await link.command("SPEED 5")
         if typed == "a line":
             with pytest.raises(ControllerError, match="Another part"):
                 await link.command("EXEC PROG")
@@ -359,7 +359,7 @@ def test_a_controller_switched_off_after_a_person_typed_is_stopped_by_way_of_its
             await asyncio.sleep(0.1)
         assert link.question is not None
         assert await link.stop_motion() is not None
-        assert (link.question, link.stop_tests) == (None, True)
+        assert (link.question, link.permission.stop_tests) == (None, True)
         assert not controller.machine.arm_power
 
     at_simulated_time(story())
