@@ -44,6 +44,7 @@ from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, operator_command
 from daemon.arm.paths import speed_pct
 from daemon.arm.permission import Fault, Grant, MotionPermission
+from daemon.arm.plausible import Implausible
 from daemon.arm.robot import ArmModel, ControllerMonitor, HeldBackError, Kinematics, Robot, StopRefusedError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair

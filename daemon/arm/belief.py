@@ -87,11 +87,6 @@ class CellBelief:
         return self.resting_reading if self.planned is None else self.planned.value
 
     @property
-    def is_open(self) -> bool:
-        """Whether the gripper is known to be open."""
-        return self.closed is not None and not self.closed.value
-
-    @property
     def holds_part(self) -> bool | None:
         """Whether a part is in the gripper; None: unknown."""
         return None if self.holding is None else self.holding.value

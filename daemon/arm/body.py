@@ -187,8 +187,7 @@ def point_of(place: Array) -> Point:
 
 def above_mm(ends: Array, radius_mm: Array, height_mm: float | Array) -> Array:
     """(N, C): height of each capsule above a horizontal plane, or above its own plane (C,); negative: below it."""
-    heights: Array = np.minimum(ends[..., 0, 2], ends[..., 1, 2]) - radius_mm - height_mm
-    return heights
+    return np.asarray(np.minimum(ends[..., 0, 2], ends[..., 1, 2]) - radius_mm - height_mm)
 
 
 def within_mm(points: Array, low_mm: Point, high_mm: Point) -> Array:
@@ -212,8 +211,7 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
         gaps[place, box, capsule] = _axis_distance(
             start[place, box, capsule], axis[place, box, capsule], low[box], high[box]
         )
-    distances: Array = gaps - radius_mm
-    return distances
+    return np.asarray(gaps - radius_mm)
 
 
 def lie_at_boxes(points: Array, boxes: Sequence[KeepOut], near_mm: float) -> bool:

@@ -14,10 +14,6 @@ from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
 from daemon.arm.permission import MotionPermission
 
 
-async def _no_recheck() -> None:
-    return None
-
-
 @dataclass(frozen=True, eq=False)
 class Waiting:
     """A move that waits for confirmation. It is compared by identity: another move may have the same text. since_s,
@@ -34,11 +30,6 @@ class Waiting:
         if self.until_s == inf:
             return self.what
         return f"{self.what}; its look is valid for {max(self.until_s - self.answer.get_loop().time(), 0.0):.0f} s"
-
-    @property
-    def expired(self) -> bool:
-        """Whether nobody answered in time."""
-        return self.answer.done() and not self.answer.cancelled() and self.answer.exception() is not None
 
 
 class PauseAndStep:
@@ -103,7 +94,7 @@ class PauseAndStep:
     async def wait(
         self,
         text: str,
-        recheck: Callable[[], Awaitable[object]] = _no_recheck,
+        recheck: Callable[[], Awaitable[object]] | None = None,
         valid_s: float = inf,
         ask: bool = False,
     ) -> None:
@@ -121,7 +112,8 @@ class PauseAndStep:
             else:
                 await self._confirmed(text, until_s)
                 confirmed = True
-            await recheck()
+            if recheck is not None:
+                await recheck()
         self._permission.release()
 
     async def _confirmed(self, text: str, until_s: float) -> None:

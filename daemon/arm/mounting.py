@@ -59,11 +59,9 @@ class InWorld:
     pivot: Array
 
     def world_from_cyclopean_at(self, _world_from_tool: Array) -> Array:
-        """See OnHand."""
         return self.world_from_cyclopean
 
     def tool_from_cyclopean_at(self, world_from_tool: Array) -> Array:
-        """See OnHand."""
         return np.asarray(frames.inverse(world_from_tool) @ self.world_from_cyclopean)
 
     def look_pose(self, _rotation: Array, _centre: Array, _stand_off_mm: float) -> Array:

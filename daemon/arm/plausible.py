@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits
 from daemon.arrays import Array
 
@@ -146,13 +145,10 @@ def _body(guard: Limits) -> Iterator[Implausible]:
     if farthest < METRES_MM:
         yield _found((*LIMITS, "body_mm"), "millimetres", f"no point farther than {farthest:g}", AS_METRES)
     for number, capsule in enumerate(guard.capsules):
-        yield from _capsule(capsule, (*LIMITS, "capsules", number))
-
-
-def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
-    size = max(float(np.linalg.norm(end)) for end in (capsule.from_mm, capsule.to_mm)) + capsule.radius_mm
-    if size < METRES_MM:
-        yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
+        size = max(float(np.linalg.norm(end)) for end in (capsule.from_mm, capsule.to_mm)) + capsule.radius_mm
+        if size < METRES_MM:
+            keys = (*LIMITS, "capsules", number)
+            yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
 
 
 def hand(guard: Limits, tip_mm: float, outside: tuple[str, float]) -> Iterator[Implausible]:

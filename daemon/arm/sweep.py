@@ -69,15 +69,12 @@ class JointPath:
     speed_mm: Array
 
     def first(self) -> Array:
-        """See MovePath."""
         return np.linspace(0.0, 1.0, _interval_count(float(self.speed_mm.max()), FIRST_MM) + 1)
 
     def links(self, shares: Array) -> Array:
-        """See MovePath."""
         return self.robot.frames(self.start_rad + shares[:, None] * self.change_rad)
 
     def travel_mm(self, shares: Array) -> Array:
-        """See MovePath."""
         return np.diff(shares)[:, None] * self.speed_mm
 
 
@@ -96,18 +93,16 @@ class StraightPath:
     moved_mm: Array
 
     def first(self) -> Array:
-        """See MovePath."""
         return self.shares
 
     def links(self, shares: Array) -> Array:
-        """See MovePath. Joints at other shares are computed from those of the first sample before them."""
+        """Joints at other shares are computed from those of the first sample before them."""
         before = np.searchsorted(self.shares, shares, side="right") - 1
         if (self.shares[before] == shares).all():
             return self.places[before]
         return self.robot.frames(joints_along(self.robot, self.start, self.motion, shares, self.joints_rad[before]))
 
     def travel_mm(self, shares: Array) -> Array:
-        """See MovePath."""
         before = np.minimum(np.searchsorted(self.shares, shares, side="right") - 1, len(self.shares) - 2)
         part = (shares - self.shares[before]) / np.diff(self.shares)[before]
         moved = self.moved_mm[before] + part[:, None] * (self.moved_mm[before + 1] - self.moved_mm[before])

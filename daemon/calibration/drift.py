@@ -14,21 +14,15 @@ from daemon.arm import CameraName
 from daemon.arrays import Array
 from daemon.vision.health import AXES, Clue
 
-
-@dataclass(frozen=True)
-class DriftSettings:
-    """learn: observations that set the reference; least_learn: after so many of them an outlier ends the learning, so
-    that a camera displaced in its first hour does not set a wrong reference; weight: of a new observation in the mean;
-    sigmas: deviation that counts as drift; outlier: deviation of one observation, in sigmas, that needs a second one to
-    confirm it; least_deg: smallest drift reported; stop_deg: smallest drift that stops autonomous picking."""
-
-    learn: int = 20
-    least_learn: int = 8
-    weight: float = 0.15
-    sigmas: float = 6.0
-    outlier: float = 6.0
-    least_deg: float = 0.03
-    stop_deg: float = 0.1
+LEARN, LEAST_LEARN = 20, 8
+"""Observations that set the reference; after how many of them an outlier ends the learning, so that a camera displaced
+in its first hour does not set a wrong reference."""
+WEIGHT = 0.15
+"""Weight of a new observation in the mean."""
+DRIFT_SIGMAS, OUTLIER_SIGMAS = 6.0, 6.0
+"""Deviation that counts as drift; deviation of one observation that needs a second one to confirm it."""
+LEAST_DEG, STOP_DEG = 0.03, 0.1
+"""Smallest drift reported; smallest drift that stops autonomous picking."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,20 +60,18 @@ def initial_state() -> DriftState:
     return DriftState(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
 
 
-def observe(
-    state: DriftState, clue: Clue, settings: DriftSettings, alone: CameraName | None = None
-) -> tuple[DriftState, Drift | None]:
+def observe(state: DriftState, clue: Clue, alone: CameraName | None = None) -> tuple[DriftState, Drift | None]:
     """Add one observation. Returns the largest active drift, or None. alone: the only camera in use, whose second place
     counts as the right camera."""
-    outlier = (state.learnt_count >= settings.least_learn) & (np.abs(_standardised(state, clue)) > settings.outlier)
-    unfinished = (state.learnt_count < settings.learn) & (state.recent_information == 0)
+    outlier = (state.learnt_count >= LEAST_LEARN) & (np.abs(_standardised(state, clue)) > OUTLIER_SIGMAS)
+    unfinished = (state.learnt_count < LEARN) & (state.recent_information == 0)
     learning = np.isfinite(clue.sigma) & unfinished & ~outlier
     updating = np.isfinite(clue.sigma) & ~learning
-    state = _mean_updated(_reference_updated(state, clue, learning), clue, updating, settings)
-    drifted = _drifted_axes(state, settings)
+    state = _mean_updated(_reference_updated(state, clue, learning), clue, updating)
+    drifted = _drifted_axes(state)
     since = tuple((old or clue.at) if now else None for old, now in zip(state.since, drifted, strict=True))
     state = replace(state, since=since)
-    return state, _drift(state, drifted, settings, alone)
+    return state, _drift(state, drifted, alone)
 
 
 def _reference_updated(state: DriftState, clue: Clue, learning: NDArray[np.bool_]) -> DriftState:
@@ -106,14 +98,14 @@ def _standardised(state: DriftState, clue: Clue) -> Array:
     return off / np.where(np.isfinite(clue.sigma), clue.sigma * _scale(state), np.inf)
 
 
-def _mean_updated(state: DriftState, clue: Clue, updating: NDArray[np.bool_], settings: DriftSettings) -> DriftState:
+def _mean_updated(state: DriftState, clue: Clue, updating: NDArray[np.bool_]) -> DriftState:
     """Exponentially weighted mean of the deviations, by information. A single outlier (a misread corner) is left out;
     if the next observation deviates to the same side, the camera has moved, and it counts."""
     change = clue.turn - state.reference
     off = _standardised(state, clue)
-    side = np.where(updating & (np.abs(off) > settings.outlier), np.sign(off), 0.0)
+    side = np.where(updating & (np.abs(off) > OUTLIER_SIGMAS), np.sign(off), 0.0)
     accepted = updating & ((side == 0) | (side == state.outlier_side))
-    fade = np.where(accepted, 1 - settings.weight, 1.0)
+    fade = np.where(accepted, 1 - WEIGHT, 1.0)
     information = np.where(accepted, clue.sigma**-2.0, 0.0)
     total = fade * state.recent_information + information
     mean = state.mean + (change - state.mean) * information / np.maximum(total, 1e-30)
@@ -126,24 +118,22 @@ def _mean_updated(state: DriftState, clue: Clue, updating: NDArray[np.bool_], se
     )
 
 
-def _drifted_axes(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
-    """Return which axes have drifted: beyond `sigmas` standard deviations of the difference of the means, and
-    `least_deg`."""
+def _drifted_axes(state: DriftState) -> NDArray[np.bool_]:
+    """Return which axes have drifted: beyond DRIFT_SIGMAS standard deviations of the difference of the means, and
+    LEAST_DEG."""
     recent = np.maximum(state.recent_information, 1e-30)
     sigma = _scale(state) * np.sqrt(state.recent_squares / recent**2 + 1 / np.maximum(state.information, 1e-30))
-    limit = np.maximum(settings.sigmas * sigma, np.radians(settings.least_deg))
+    limit = np.maximum(DRIFT_SIGMAS * sigma, np.radians(LEAST_DEG))
     return np.asarray(np.abs(state.mean) > limit)
 
 
-def _drift(
-    state: DriftState, drifted: NDArray[np.bool_], settings: DriftSettings, alone: CameraName | None
-) -> Drift | None:
+def _drift(state: DriftState, drifted: NDArray[np.bool_], alone: CameraName | None) -> Drift | None:
     if not drifted.any():
         return None
     worst = int(np.argmax(np.where(drifted, np.abs(state.mean), 0.0)))
     degrees = float(np.degrees(state.mean[worst]))
     since = state.since[worst] or ""
-    stops = abs(degrees) >= settings.stop_deg
+    stops = abs(degrees) >= STOP_DEG
     movement = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left"
     if alone is not None:
         movement = f"{alone} camera no longer as calibrated on the gripper ({AXES[worst]} by {degrees:+.2f} degrees)"
@@ -162,5 +152,5 @@ class DriftWatch:
 
     def add(self, clue: Clue, at: str) -> Drift | None:
         """Add one observation (at: its time, for people). Returns the active drift, or None."""
-        self._state, self.drift = observe(self._state, replace(clue, at=at), DriftSettings(), self.alone)
+        self._state, self.drift = observe(self._state, replace(clue, at=at), self.alone)
         return self.drift

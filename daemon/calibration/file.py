@@ -106,21 +106,13 @@ def calibration_of(result: StereoResult, before: Calibration | None = None) -> C
 def same_geometry(a: Calibration, b: Calibration) -> bool:
     """Whether cameras and hand-eye are identical, to the last digit."""
 
-    def numbers(calibration: Calibration) -> list[Array]:
-        cameras = (calibration.rig.left, calibration.rig.right)
-        hand_eye = calibration.hand_eye
-        return [
-            np.array(calibration.rig.image_size),
-            *(
-                array
-                for camera in cameras
-                for array in (camera.matrix, camera.distortion, camera.cyclopean_from_camera)
-            ),
-            np.zeros(0) if hand_eye is None else hand_eye,
-            np.array([calibration.fixed]),
-        ]
+    def numbers(calibration: Calibration) -> Array:
+        rig, hand_eye = calibration.rig, calibration.hand_eye
+        arrays = [a for c in (rig.left, rig.right) for a in (c.matrix, c.distortion, c.cyclopean_from_camera)]
+        arrays += [] if hand_eye is None else [hand_eye]
+        return np.concatenate([rig.image_size, [calibration.fixed], *map(np.ravel, arrays)])
 
-    return all(map(np.array_equal, numbers(a), numbers(b)))
+    return np.array_equal(numbers(a), numbers(b))
 
 
 class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):

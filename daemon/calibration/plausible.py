@@ -5,14 +5,12 @@ option of `calibrate import`.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from daemon.arm import Implausible
 from daemon.arrays import Array
 from daemon.vision.geometry import Camera, StereoRig
-
-Keys = tuple[str | int, ...]
 
 BASELINE_MM = (10.0, 500.0)
 """Limits of the distance between two cameras on a gripper."""
@@ -27,15 +25,7 @@ MIN_ALONG = 0.7
 """Least cosine between a camera's x axis and the baseline, and between the two cameras' views."""
 
 
-@dataclass(frozen=True)
-class ImplausibleCamera:
-    """keys: in calibration.yaml; problem: one line for the author of the file."""
-
-    keys: Keys
-    problem: str
-
-
-def implausible_rig(rig: StereoRig) -> Iterator[ImplausibleCamera]:
+def implausible_rig(rig: StereoRig) -> Iterator[Implausible]:
     """Return what no pair of cameras on a gripper could have, the most specific cause first."""
     yield from _order(rig)
     yield from _baseline(rig)
@@ -43,34 +33,34 @@ def implausible_rig(rig: StereoRig) -> Iterator[ImplausibleCamera]:
         yield from _camera(name, camera, rig.image_size)
     ratio = rig.left.matrix[0, 0] / rig.right.matrix[0, 0]
     if not SIDES**-3 < ratio < SIDES**3:
-        yield ImplausibleCamera(
+        yield Implausible(
             ("right", "camera_matrix"),
             f"focal lengths of {rig.left.matrix[0, 0]:.0f} and {rig.right.matrix[0, 0]:.0f} px: two cameras of a pair "
             "are alike; files of two image sizes?",
         )
 
 
-def _order(rig: StereoRig) -> Iterator[ImplausibleCamera]:
+def _order(rig: StereoRig) -> Iterator[Implausible]:
     axes = [camera.cyclopean_from_camera[:3, :3] for camera in (rig.left, rig.right)]
     along = min(float(axis[0, 0]) for axis in axes)
-    keys: Keys = ("right", "cyclopean_from_camera")
+    keys = ("right", "cyclopean_from_camera")
     if max(float(axis[0, 0]) for axis in axes) < -MIN_ALONG:
         problem = "the right camera is to the left of the left one: exchanged; name them the other way round (--swap)"
-        yield ImplausibleCamera(keys, problem)
+        yield Implausible(keys, problem)
     elif along < MIN_ALONG:
         turned = np.degrees(np.arccos(np.clip(along, -1, 1)))
-        yield ImplausibleCamera(
+        yield Implausible(
             keys,
             f"the baseline is turned by {turned:.0f} degrees against a camera's rows: mount the cameras side by side",
         )
     elif float(axes[0][:, 2] @ axes[1][:, 2]) < MIN_ALONG:
         turned = np.degrees(np.arccos(np.clip(axes[0][:, 2] @ axes[1][:, 2], -1, 1)))
-        yield ImplausibleCamera(
+        yield Implausible(
             keys, f"the cameras look {turned:.0f} degrees apart: a rotation that was transposed, or of another pair?"
         )
 
 
-def _baseline(rig: StereoRig) -> Iterator[ImplausibleCamera]:
+def _baseline(rig: StereoRig) -> Iterator[Implausible]:
     low, high = BASELINE_MM
     if low <= rig.baseline_mm <= high:
         return
@@ -82,38 +72,38 @@ def _baseline(rig: StereoRig) -> Iterator[ImplausibleCamera]:
     ]
     squares = "squares of a board taken for mm (--unit N, where one is N mm)" if rig.baseline_mm < low else ""
     cause = ", or ".join([*fits, *filter(None, [squares])]) or "a wrong projection matrix"
-    yield ImplausibleCamera(
+    yield Implausible(
         ("right", "cyclopean_from_camera"),
         f"a baseline of {rig.baseline_mm:g} mm: cameras on a gripper are {low:g} to {high:g} mm apart; {cause}?",
     )
 
 
-def _camera(name: str, camera: Camera, size: tuple[int, int]) -> Iterator[ImplausibleCamera]:
-    keys: Keys = (name, "camera_matrix")
+def _camera(name: str, camera: Camera, size: tuple[int, int]) -> Iterator[Implausible]:
+    keys = (name, "camera_matrix")
     (fx, skew, cx), (_, fy, cy) = camera.matrix[0], camera.matrix[1]
     width, height = size
     if not SIDES**-1 < fx / fy < SIDES:
-        yield ImplausibleCamera(keys, f"fx {fx:.0f} and fy {fy:.0f} px: no camera has pixels so far from square")
+        yield Implausible(keys, f"fx {fx:.0f} and fy {fy:.0f} px: no camera has pixels so far from square")
     if abs(skew) > 1e-3 * fx:
-        yield ImplausibleCamera(keys, f"a skew of {skew:g}: no camera has one, and facetd would ignore it")
+        yield Implausible(keys, f"a skew of {skew:g}: no camera has one, and facetd would ignore it")
     off = max(abs((cx + 0.5) / width - 0.5), abs((cy + 0.5) / height - 0.5))
     if off > OFF_CENTRE:
         exchanged = max(abs((cx + 0.5) / height - 0.5), abs((cy + 0.5) / width - 0.5)) < OFF_CENTRE
         likely = f"{2 * round(cx)}x{2 * round(cy)}"
         cause = f"width and height exchanged (--size {height}x{width})" if exchanged else f"of images of some {likely}"
-        yield ImplausibleCamera(
+        yield Implausible(
             keys, f"its centre {cx:.0f}, {cy:.0f} is far from the middle of {width}x{height} px: {cause}?"
         )
     view = float(np.degrees(2 * np.arctan(width / 2 / fx)))
     if not VIEW_DEG[0] <= view <= VIEW_DEG[1]:
-        yield ImplausibleCamera(
+        yield Implausible(
             keys,
             f"a focal length of {fx:g} px is a field of view of {view:.1f} degrees across {width} px; lenses have "
             f"{VIEW_DEG[0]:g} to {VIEW_DEG[1]:g}: is it in px, and of this image size?",
         )
     elif _folds(camera, size):
         problem = "the image folds within its corners: coefficients in another order, or of another lens"
-        yield ImplausibleCamera((name, "distortion"), problem)
+        yield Implausible((name, "distortion"), problem)
 
 
 def _folds(camera: Camera, size: tuple[int, int]) -> bool:

@@ -13,8 +13,6 @@ from daemon.arm import ArmModel, Beliefs
 from daemon.config import Config
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
     from daemon.cell.hardware import Hardware
 
 OWN = {
@@ -57,14 +55,11 @@ def backend_of(config: Config) -> CellBackend:
     if config.kind not in others:
         known = ", ".join((*OWN, *sorted(others)))
         raise config.document.error(("cell",), f"expected one of {known}, found {config.kind!r}")
-    return _loaded(config, others[config.kind])
-
-
-def _loaded(config: Config, plug: "EntryPoint") -> CellBackend:
+    plug = others[config.kind]
     try:
-        found = plug.load()
+        loaded = plug.load()
     except (ImportError, AttributeError) as error:
         raise config.document.error(("cell",), f"{plug.value} cannot be loaded: {error}") from error
-    if not isinstance(found, CellBackend):
+    if not isinstance(loaded, CellBackend):
         raise config.document.error(("cell",), f"{plug.value} is no CellBackend of daemon/cell/backends.py")
-    return found
+    return loaded

@@ -13,18 +13,10 @@ from daemon.config import Config
 from drivers.camera.recorded import RecordedCamera
 
 
-def _unrecorded(kind: str, /, **fields: object) -> None:
-    """Record nothing: there is no run."""
-
-
-def build(
-    config: Config,
-    on_wire: WireListener,
-    clock: Callable[[], float] = time.monotonic,
-    record: Callable[..., None] = _unrecorded,
-) -> Hardware:
+def build(config: Config, on_wire: WireListener, record: Callable[..., None] = lambda *_, **__: None) -> Hardware:
     """The hardware as configured, not yet opened (a simulated cell already runs). record: the run log's function, for
     beliefs about arm and gripper. Raises ConfigError, CellError."""
+    clock = time.monotonic
     return backend_of(config).build(config, Surroundings(on_wire, clock, Beliefs(clock, record)))
 
 

@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TypeVar
 
 from daemon.arm import CameraName
 from drivers.camera.find import device_rows as device_rows
@@ -15,6 +15,8 @@ from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.pair import StereoPair as StereoPair
 from drivers.camera.recorded import RecordedCamera
 from drivers.camera.v4l2_stereo import camera_rows as camera_rows
+
+T = TypeVar("T")
 
 
 class ThreadedCameras:
@@ -37,14 +39,13 @@ class ThreadedCameras:
 
     async def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
         """The newest pair exposed entirely after not_before_s. Raises CameraError."""
-        pair: StereoPair = await self._call(lambda: self.camera.grab(not_before_s, timeout_s))
+        pair = await self._call(lambda: self.camera.grab(not_before_s, timeout_s))
         self.heard_s = self._clock()
         return pair
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
         """See StereoCamera. Raises CameraError."""
-        accepted: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
-        return accepted
+        return await self._call(lambda: self.camera.expose(left, right))
 
     async def use(self, alone: CameraName | None) -> None:
         """Use one camera, or both (None). Raises CameraError, with nothing changed."""
@@ -68,7 +69,7 @@ class ThreadedCameras:
     def describe(self) -> str:
         return self.camera.describe()
 
-    async def _call(self, job: Callable[[], Any]) -> Any:
+    async def _call(self, job: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._thread, job)
 
 

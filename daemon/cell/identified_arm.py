@@ -14,7 +14,7 @@ from daemon.arrays import Array
 from daemon.calibration.arm_from_readings import LENGTHS, ArmEstimate, NoArmError, find_arm, refine_arm
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
-from drivers.val2.contact_findings import ContactFindings, ProbeFinding
+from drivers.val2.contact_findings import ContactFindings
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.location import matrix_from_location
 
@@ -156,7 +156,8 @@ def _zeros_deg(found: ArmEstimate, known: ContactFindings) -> list[float]:
 def arm_file(known: ContactFindings, arm: Arm | None) -> dict[str, Any]:
     """The content of arm.yaml: dialect, and geometry where it was identified; each value with its source and
     certainty."""
-    dialect = {name: _entry(known.findings[name]) for name in known.dialect()}
+    findings = {name: known.findings[name] for name in known.dialect()}
+    dialect = {name: _value(finding.value, finding.found, finding.sure) for name, finding in findings.items()}
     made: dict[str, Any] = {"version": 1, "dialect": dialect}
     if arm is not None:
         found = arm.found
@@ -189,10 +190,6 @@ def _sure(found: ArmEstimate, name: str) -> str:
 
 def _length_sure(arm: Arm, name: str) -> str:
     return arm.source or _sure(arm.found, name)
-
-
-def _entry(finding: ProbeFinding) -> dict[str, Any]:
-    return _value(finding.value, finding.found, finding.sure)
 
 
 def _value(value: Any, found: str, sure: str) -> dict[str, Any]:

@@ -9,9 +9,7 @@ from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, di
 from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.cell.val2_arm import Val2Arm
 from daemon.config import Config, kind_of
-from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.stand import VIEWS
 from drivers.val2.link import Link
 
 
@@ -31,7 +29,7 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     )
     line_dialect = dialect(config).on_a_faster_line(simulated.time_scale)
     robot = Val2Arm(Link(cell.port, line_dialect, given.clock, given.on_wire), arm_geometry(config), given.beliefs)
-    operator = SimulatedOperator(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
+    operator = SimulatedOperator(cell)
     operator.mount(kind_of(config.values.pick.gripper))
     cell.camera.use(alone(config))
     cameras = ThreadedCameras(cell.camera, given.clock, alone(config))

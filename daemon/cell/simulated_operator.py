@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from daemon import frames
@@ -10,7 +10,6 @@ from daemon.arrays import Array
 from daemon.teaching.trainer import DrawnPart
 
 if TYPE_CHECKING:
-    from drivers.simcell.boards import BoardPrint
     from drivers.simcell.cell import SimulatedCell
     from drivers.simcell.world import PlacedPart
 
@@ -19,11 +18,14 @@ DEFAULT_PARTS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 
 
 class SimulatedOperator:
-    """See the module. views: number of characteristic views of each part; board: makes a calibration board."""
+    """See the module."""
 
-    def __init__(self, cell: SimulatedCell, views: Mapping[str, int], board: Callable[..., BoardPrint]) -> None:
+    def __init__(self, cell: SimulatedCell) -> None:
+        from drivers.simcell.stand import VIEWS
+
         self.cell = cell
-        self._views, self._board = views, board
+        self._views = {label: len(views) for label, views in VIEWS.items()}
+        """Number of characteristic views of each part."""
         self._drawn: dict[str, int] = {}
         self._set_aside: tuple[PlacedPart, ...] | None = None
         """The parts that were on the table before a part or board was shown."""
@@ -83,8 +85,10 @@ class SimulatedOperator:
     def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool, held: bool = False) -> None:
         """Put a calibration board with that many inner corners on the table or into the gripper, in place of the
         parts."""
+        from drivers.simcell.boards import BoardPrint
+
         self._set_parts_aside()
-        board = self._board(columns + 1, rows + 1, square_mm, charuco)
+        board = BoardPrint(columns + 1, rows + 1, square_mm, charuco)
         if held:
             self.cell.hold_board(board)
         else:

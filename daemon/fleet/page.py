@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import DriftSettings
+from daemon.calibration.drift import STOP_DEG
 from daemon.events.codes import BY_SUMMARY, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
 from daemon.events.records import Json
@@ -79,7 +79,7 @@ def fleet_data(store: Store, days: int) -> Json:
         "definition": DEFINITION,
         "limits": {
             "light": MEASURES["darkness"].limit,
-            "drift": DriftSettings().stop_deg,
+            "drift": STOP_DEG,
             "epipolar": MEASURES["epipolar"].limit,
             "near": NEAR,
         },
@@ -198,7 +198,7 @@ def _drifts(cell: Json) -> list[tuple[str, str]]:
         measured = [turn for turn in cell["turn"][axis] if turn is not None]
         usual = cell["usual"][axis]
         turned = measured[-1] - usual if measured and usual is not None else 0.0
-        if abs(turned) > NEAR * DriftSettings().stop_deg:
+        if abs(turned) > NEAR * STOP_DEG:
             found.append(("drifts", f"{axis} of the right camera {turned:+.2f} degrees since calibration"))
     return found
 

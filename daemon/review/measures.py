@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import DriftSettings, initial_state, observe
+from daemon.calibration.drift import STOP_DEG, initial_state, observe
 from daemon.events.outcomes import is_success
 from daemon.events.records import Json, Record
 from daemon.review.digest import Digest, cameras_of
@@ -121,7 +121,7 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
 def _drift(run: Digest, zero: float) -> Strip:
     """Angle of the right camera against its calibration, as the drift watch estimated it from the looks. Like the
     daemon's, the watch restarts after a calibration (run_start) and with other cameras."""
-    watch, cameras, settings, line = initial_state(), "both", DriftSettings(), list[float | None]()
+    watch, cameras, line = initial_state(), "both", list[float | None]()
     for record in run.of("run_start", "look"):
         if record["kind"] == "run_start" or cameras_of(record) != cameras:
             watch, cameras = initial_state(), cameras_of(record)
@@ -131,9 +131,9 @@ def _drift(run: Digest, zero: float) -> Strip:
         turn = [np.radians(number(health.get(f"{axis}_deg")) or 0.0) for axis in AXES]
         sigma = [number(health.get(f"{axis}_sigma_deg")) for axis in AXES]
         sigma_rad = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
-        watch, drift = observe(watch, Clue(np.array(turn), sigma_rad, ""), settings)
+        watch, drift = observe(watch, Clue(np.array(turn), sigma_rad, ""))
         line.append(0.0 if drift is None else abs(drift.degrees))
-    return Strip("stereo rotation drift", "°", settings.stop_deg, True, _s(run.of("look"), zero), {"": line})
+    return Strip("stereo rotation drift", "°", STOP_DEG, True, _s(run.of("look"), zero), {"": line})
 
 
 def number(value: Any) -> float | None:

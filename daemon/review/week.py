@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.arm import CAMERA_NAMES
-from daemon.calibration.drift import DriftSettings
+from daemon.calibration.drift import STOP_DEG
 from daemon.events.outcomes import DEFINITION
 from daemon.events.records import Json
 from daemon.review.brief import read_runs_with_picks
@@ -56,7 +56,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
         "definition": DEFINITION,
         "remedies": remedies(done),
         "placing": placing_figures([made for run in runs for made in set_downs(run)]),
-        "stop_deg": DriftSettings().stop_deg,
+        "stop_deg": STOP_DEG,
         "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],
     }
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-START, END, SCAN, TABLES, RESTART_INTERVAL, QUANTISATION = 0xD8, 0xD9, 0xDA, 0xC4, 0xDD, 0xDB
+END, SCAN, TABLES, RESTART_INTERVAL, QUANTISATION = 0xD9, 0xDA, 0xC4, 0xDD, 0xDB
 BASELINE = (0xC0, 0xC1)
 ALONE = (0x01, *range(0xD0, 0xDA))
 """Markers without a length field."""

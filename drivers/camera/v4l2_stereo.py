@@ -6,7 +6,6 @@ grabs. Any error closes both streams and raises CameraError; the next grab finds
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from drivers.camera import stream
@@ -15,23 +14,12 @@ from drivers.camera.pair import CameraError, CameraName, Frame, StereoCamera, St
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stream import CameraStream, RawFrame, StreamTally
+from drivers.camera.stream import CameraStream, RawFrame
 
 KEEP = 4
 """Frames kept of each camera while waiting for a pair."""
 SILENT_PERIODS = 10
 """A camera without a frame for so many periods counts as silent."""
-
-
-@dataclass(frozen=True)
-class CameraReport:
-    """State of one camera for people and metrics: its line, the controls set, those with another name here, frame
-    counts."""
-
-    line: str
-    controls: dict[str, int]
-    renamed: dict[str, str]
-    tally: StreamTally
 
 
 class V4L2StereoCamera:
@@ -158,8 +146,16 @@ class V4L2StereoCamera:
         what = "stereo pair" if len(streams) > 1 else "picture"
         return f"no {what} within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
 
-    def reports(self) -> tuple[CameraReport, ...]:
-        return tuple(CameraReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._streams)
+    def rows(self) -> list[dict[str, Any]]:
+        """State of each open camera, for people and metrics: its line, the controls set, those with another name here,
+        frame counts."""
+        return [
+            {
+                "line": e.describe(), "controls": e.settings_taken, "renamed": e.renamed, "frames": e.tally.frames,
+                "dropped": e.tally.dropped, "damaged": e.tally.damaged,
+            }
+            for e in self._streams
+        ]  # fmt: skip
 
     def describe(self) -> str:
         if self._streams:
@@ -168,12 +164,5 @@ class V4L2StereoCamera:
 
 
 def camera_rows(camera: StereoCamera) -> list[dict[str, Any]]:
-    """Controls and frame counts of each open V4L2 camera, as rows; empty for other kinds of cameras."""
-    reports = camera.reports() if isinstance(camera, V4L2StereoCamera) else ()
-    return [
-        {
-            "line": report.line, "controls": report.controls, "renamed": report.renamed, "frames": report.tally.frames,
-            "dropped": report.tally.dropped, "damaged": report.tally.damaged,
-        }
-        for report in reports
-    ]  # fmt: skip
+    """V4L2StereoCamera.rows; empty for other kinds of cameras."""
+    return camera.rows() if isinstance(camera, V4L2StereoCamera) else []

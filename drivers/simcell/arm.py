@@ -195,10 +195,6 @@ class SimulatedArm:
         """
         self._start(*plan_joints(self.joints_at(now_s), target_rad, speed, self.geometry), now_s)
 
-    def move_to(self, world_from_tool: Array, configuration: Configuration, speed: float, now_s: float) -> None:
-        """Start a joint-interpolated motion to a pose. Raises UnreachableError."""
-        self.move_joints(self.joints_for(world_from_tool, configuration, now_s), speed, now_s)
-
     def joints_for(self, world_from_tool: Array, configuration: Configuration, now_s: float) -> Array:
         """Joints (6,) rad that reach a pose, nearest to the present ones. Raises UnreachableError."""
         return inverse(world_from_tool, configuration, self.geometry, self.joints_at(now_s))

@@ -21,7 +21,7 @@ from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, Faults, Machine, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
@@ -124,10 +124,10 @@ class SimulatedCell:
         self.world = World(self._settings, self._on_held)
         self._board: tuple[RenderedSolid, ...] = ()
         self._held_board: tuple[RenderedSolid, ...] = ()
-        self.controller = Controller(
+        self._machine = Machine(
             self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
         )
-        self._machine = self.controller.machine
+        self.controller = Controller(self._machine)
         cup = self._both.suction
         self.switch = "works" if cup is None else cup.switch
         """Whether the vacuum switch works, or is stuck on or off."""

@@ -62,13 +62,13 @@ class Violation:
         return f"{self.rule} at {self.at_s:.3f} s, `{self.by}`: {self.text}"
 
 
-class _Facts:
-    """A value that changes over time: each value with the time from which it applies."""
+class Timeline:
+    """A value that changes over time: each value with the time from which it applies. A call sets the next value."""
 
     def __init__(self, first: float) -> None:
         self._times, self._values = [float("-inf")], [first]
 
-    def add(self, at_s: float, value: float) -> None:
+    def __call__(self, at_s: float, value: float = True) -> None:
         """Set the value from at_s on. Calls may come late, but in the order of their times."""
         self._times.append(max(at_s, self._times[-1]))
         self._values.append(value)
@@ -137,9 +137,19 @@ class MotionMonitor:
     def __init__(self, history: History, body: ArmSpheres, safety: Safety, table: TableTruth) -> None:
         """history: grows; a motion in it may still be cut short. Motion is forbidden until `may_move` allows it."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
-        self._may, self._drop_permitted, self._tried = _Facts(False), _Facts(False), _Facts(False)
-        self._fastest = _Facts(safety.fastest_percent)
-        self._hears, self._held, self._each_asked = _Facts(True), _Facts(False), _Facts(False)
+        self.may_move = Timeline(False)
+        """Whether the arm is enabled and no fault is active."""
+        self.stop_tried = Timeline(False)
+        """Whether the stop is being tested: then a stop that only the line has is that test."""
+        self.may_drop = Timeline(False)
+        """Whether an operator permits dropping the held part anywhere."""
+        self.held = Timeline(False)
+        """Whether motions are held."""
+        self.each_asked = Timeline(False)
+        """Whether each motion of arm and gripper needs its own confirmation."""
+        self.line = Timeline(True)
+        """Whether a typed stop reaches the controller."""
+        self._fastest = Timeline(safety.fastest_percent)
         self._yeses: list[float] = []
         self._acts: list[tuple[float, str]] = []
         self._stops: list[tuple[float, str]] = []
@@ -158,10 +168,6 @@ class MotionMonitor:
         self.violations(at_s)
         self._body = body
 
-    def may_move(self, at_s: float, allowed: bool) -> None:
-        """Whether the arm is enabled and no fault is active, from this moment on."""
-        self._may.add(at_s, allowed)
-
     def stop_received(self, at_s: float, by: str = "a stop") -> None:
         """The controller was given a stop by other means than a line that the history records."""
         self._stops.append((at_s, by))
@@ -170,33 +176,13 @@ class MotionMonitor:
         """A message reported that the arm is at rest."""
         self._said_to_rest.append((at_s, text))
 
-    def stop_tried(self, at_s: float, asked: bool) -> None:
-        """Whether the stop is being tested, from this moment on: then a stop that only the line has is that test."""
-        self._tried.add(at_s, asked)
-
     def no_faster_than(self, at_s: float, percent: float) -> None:
         """The highest permitted monitor speed from this moment on."""
-        self._fastest.add(at_s, min(percent, self._safety.fastest_percent))
-
-    def may_drop(self, at_s: float, allowed: bool = True) -> None:
-        """Whether an operator permits dropping the held part anywhere, from this moment on."""
-        self._drop_permitted.add(at_s, allowed)
-
-    def held(self, at_s: float, holds: bool) -> None:
-        """Whether motions are held, from this moment on."""
-        self._held.add(at_s, holds)
-
-    def each_asked(self, at_s: float, asked: bool) -> None:
-        """Whether each motion of arm and gripper needs its own confirmation, from this moment on."""
-        self._each_asked.add(at_s, asked)
+        self._fastest(at_s, min(percent, self._safety.fastest_percent))
 
     def yes(self, at_s: float) -> None:
         """An operator typed what may confirm a motion."""
         self._yeses.append(at_s)
-
-    def line(self, at_s: float, hears: bool) -> None:
-        """Whether a typed stop reaches the controller, from this moment on."""
-        self._hears.add(at_s, hears)
 
     def by_hand(self, at_s: float, line: str) -> None:
         """A person typed this line to the controller: its path and speed are not checked, but its permission and its
@@ -233,7 +219,7 @@ class MotionMonitor:
                 self._others_moved_s = event.began_s
             return
         if isinstance(event, StopRecord):
-            if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
+            if not (self.stop_tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
         elif isinstance(event, DropRecord):
             yield from self._dropped(event)
@@ -248,7 +234,7 @@ class MotionMonitor:
     def _made_by_noise(self, stop: StopRecord) -> bool:
         """Whether a stop may be noise: on a faulty line another character may turn into control-C, but not into a
         whole command."""
-        return stop.by == CONTROL_C and not self._hears.at(stop.began_s)
+        return stop.by == CONTROL_C and not self.line.at(stop.began_s)
 
     def _ways(self, leg: MotionRecord, over: bool) -> Iterator[Violation]:
         """Check speed and length of a motion as commanded and, once it is over, its path."""
@@ -262,9 +248,9 @@ class MotionMonitor:
     def _unallowed(self, event: MotionRecord | GripperRecord) -> Iterator[Violation]:
         """Check for a motion that began while motion was forbidden, or after a stop and before the next enable."""
         what = "the arm set out" if isinstance(event, MotionRecord) else "the hand was driven"
-        lifted_s = self._may.true_before(event.began_s)
-        withdrawn_s = self._may.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
-        if not (self._may.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
+        lifted_s = self.may_move.true_before(event.began_s)
+        withdrawn_s = self.may_move.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
+        if not (self.may_move.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
             yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
         self._stops = [stop for stop in self._stops if stop[0] >= lifted_s]
         before = [stop for stop in self._stops if stop[0] < event.began_s and not self._out_of_reach(event, stop[0])]
@@ -277,10 +263,10 @@ class MotionMonitor:
         """Check for a motion that was typed while moves were held, or without its confirmation. On a faulty line the
         time when it was released is unknown, so it is not checked."""
         given_s = event.given_s
-        held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self._held, self._each_asked))
-        if self._held.at(given_s) and given_s > held_s and self._hears.at(given_s) and self._hears.at(held_s - TYPED_S):
+        held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self.held, self.each_asked))
+        if self.held.at(given_s) and given_s > held_s and self.line.at(given_s) and self.line.at(held_s - TYPED_S):
             yield Violation("while held", event.began_s, event.by, f"{given_s - held_s + TYPED_S:.1f} s after it was")
-        if self._each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:
+        if self.each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:
             self._acts = [act for act in self._acts if act[0] > asked_s] + [(given_s, event.by)]
             said = sum(asked_s - TYPED_S < yes_s <= given_s for yes_s in self._yeses)
             if len(self._acts) > said:
@@ -294,7 +280,7 @@ class MotionMonitor:
         reasons += [
             (e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, StopRecord)
         ]
-        withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
+        withdrawn_s = self.may_move.said_within(leg.began_s, ends_s, False)
         reasons += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
         at_s, why = min(((self._heard_s(at_s), why) for at_s, why in reasons), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
@@ -315,9 +301,9 @@ class MotionMonitor:
 
     def _heard_s(self, at_s: float) -> float:
         """When a stop at that moment could first reach the controller."""
-        if self._hears.at(at_s):
+        if self.line.at(at_s):
             return at_s
-        again_s = self._hears.said_within(at_s, float("inf"), True)
+        again_s = self.line.said_within(at_s, float("inf"), True)
         return float("inf") if again_s is None else again_s
 
     def _too_much(self, leg: MotionRecord) -> Iterator[Violation]:
@@ -421,7 +407,7 @@ class MotionMonitor:
             balls, tools = np.insert(balls, where, more_balls, axis=0), np.insert(tools, where, more_tools, axis=0)
 
     def _dropped(self, drop: DropRecord) -> Iterator[Violation]:
-        permitted = drop.over_bin or self._drop_permitted.at(drop.began_s)
+        permitted = drop.over_bin or self.may_drop.at(drop.began_s)
         if not permitted and drop.fell_mm > self._safety.drop_mm:
             yield Violation(
                 "dropped", drop.began_s, drop.by, f"{drop.label} let go {drop.fell_mm:.1f} mm above the table"

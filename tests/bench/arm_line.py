@@ -22,7 +22,7 @@ import numpy as np
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, PtyServer
+from drivers.simcell.controller import Controller, Machine, PtyServer
 from drivers.val2 import commands
 from drivers.val2.conversation import ControllerAnswer, Conversation
 from drivers.val2.dialect import Dialect
@@ -200,7 +200,7 @@ def picks() -> None:
 
 def main() -> int:
     """Measure and print."""
-    with PtyServer(Controller(SimulatedArm(joints_rad=np.array(READY_RAD)))) as server:
+    with PtyServer(Controller(Machine(SimulatedArm(joints_rad=np.array(READY_RAD))))) as server:
         asyncio.run(measure(server))
     picks()
     return 0

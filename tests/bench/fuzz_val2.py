@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller
+from drivers.simcell.controller import Controller, Machine
 from drivers.val2.wire import Reader
 
 PIECE = 64
@@ -57,7 +57,7 @@ def fuzz_reader(noise: list[bytes], seed: int) -> int:
 
 def fuzz_controller(noise: list[bytes], seed: int) -> tuple[int, bool]:
     """Type the noise at a controller, time passing; how many bytes it printed, whether its arm moved."""
-    controller = Controller(SimulatedArm())
+    controller = Controller(Machine(SimulatedArm()))
     before = controller.arm.joints_at(0.0)
     printed, now_s = 0, 0.0
     rng = np.random.default_rng(seed)

@@ -161,7 +161,7 @@ def grab_all(code: str, fps: float) -> str:
         ages.append((time.monotonic() - last.right.taken_s - 0.5 / fps) * 1000.0)
     took_s = time.monotonic() - began_s
     share = (time.process_time() - cpu_s) / took_s
-    dropped = sum(report.tally.dropped for report in camera.reports())
+    dropped = sum(row["dropped"] for row in camera.rows())
     camera.close()
     return (
         f"{code:6} {len(skews) / took_s:5.1f} pairs/s  skew {np.median(skews):.2f} ms (true {1000 * LATE_S:g})  "

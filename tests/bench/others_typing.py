@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, LineFault
+from drivers.simcell.controller import Controller, Faults, LineFault, Machine
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.link import Link, MoveStart
@@ -60,7 +60,7 @@ async def story(act: Act, seed: int) -> str:
     """What two moves came to, during the first of which something happens: the error's name, or `nothing`."""
     loop = asyncio.get_running_loop()
     faults, rng = Faults(), np.random.default_rng(seed)
-    line = MemoryLine(Controller(SimulatedArm(joints_rad=np.array(READY_RAD)), faults=faults), loop)
+    line = MemoryLine(Controller(Machine(SimulatedArm(joints_rad=np.array(READY_RAD)), faults=faults)), loop)
     link = Link("memory", Dialect(baud=BAUD), clock=loop.time, open_port=paced(line))
     await link.open()
     await link.move(NEAR)

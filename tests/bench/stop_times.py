@@ -19,7 +19,7 @@ from daemon.frontends.client import STOP_ANSWER_S
 from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
@@ -48,7 +48,7 @@ async def stopped_after(manners: Manners, dialect: Dialect, wait_s: float) -> tu
     """Seconds from the stop to the moment the arm brakes, and to rest, confirmed; None where nothing moved yet, or any
     more."""
     loop = asyncio.get_running_loop()
-    controller = Controller(SimulatedArm(joints_rad=np.array(READY_RAD)), manners)
+    controller = Controller(Machine(SimulatedArm(joints_rad=np.array(READY_RAD)), manners))
     line = MemoryLine(controller, loop)
     link = Link("memory", dialect, clock=loop.time, open_port=paced(line))
     await link.open()

@@ -79,10 +79,10 @@ class Beside(Sentry):
         which may be at work still."""
         motion_monitor, server = self.cell.motion_monitor, self.cell.server
         self._enabled = False
-        motion_monitor.line(server.now_s(), hears=False)
+        motion_monitor.line(server.now_s(), False)
         motion_monitor.may_move(server.now_s(), False)
         super().start((), timeout_s)
-        motion_monitor.line(server.now_s(), hears=True)
+        motion_monitor.line(server.now_s(), True)
 
     def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Send one command; reports to the cell's motion monitor what it permits."""
@@ -141,7 +141,7 @@ class Beside(Sentry):
         """Answer an open question as an operator would: power-up, arm power, CAL."""
         with self.cell.server.controller() as controller:
             asks, calibrated = controller.question is not None, controller.machine.calibrated
-            controller.machine.switch_arm_power_on()
+            controller.machine.arm_power = True
         if asks:
             self.do("robot power-up")
         if not calibrated:
@@ -187,7 +187,7 @@ def _switching_on(daemon: Sentry) -> None:
     while True:
         with daemon.cell.server.controller() as controller:
             controller.mishap(Mishap.POWER_CYCLED)
-            controller.machine.switch_arm_power_on()
+            controller.machine.arm_power = True
         for text in ("status", "robot power-up", "resume", "enable", "robot cal", "go home"):
             daemon.do(text)
 

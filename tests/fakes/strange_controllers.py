@@ -19,7 +19,7 @@ from daemon.cell.identify import Person, identify
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.controller.manners import drawn
 from drivers.val2.contact_findings import Consult, ContactFindings
 from drivers.val2.dialect import Dialect
@@ -131,7 +131,7 @@ class StopTimes:
 async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
     """The stop of an arm that its pendant moves, on the line of one that was drawn."""
     loop = asyncio.get_running_loop()
-    controller = Controller(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+    controller = Controller(Machine(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners))
     line = PacedLine(controller, loop, strange.baud)
     link = Link("memory", dialect_of(strange), loop.time, open_port=line.open)
     await link.open()
@@ -178,7 +178,7 @@ async def meet(
     transcript is on is. Raises as introduce."""
     loop = asyncio.get_running_loop()
     arm = SimulatedArm(strange.geometry, np.radians(strange.joints_deg))
-    controller = Controller(arm, strange.manners, cold=strange.cold)
+    controller = Controller(Machine(arm, strange.manners, cold=strange.cold))
     controller.machine.calibrated = calibrated
     if dead:
         controller.machine.alive = False
@@ -214,7 +214,7 @@ strangers: list[Contact] = []
 def willing(controller: Controller, consult: Consult) -> str:
     """A person who answers yes, and switches arm power on when asked."""
     if consult.about == "power":
-        controller.machine.switch_arm_power_on()
+        controller.machine.arm_power = True
     return "Y" if consult.about == "power-up" else "yes"
 
 

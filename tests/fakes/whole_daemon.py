@@ -60,13 +60,11 @@ from daemon.store import model as models
 from daemon.store import runlog
 from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model, learn_view
-from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
-from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
@@ -804,7 +802,7 @@ class Story:
     def harm(self, act: Callable[[], object] = lambda: None) -> None:
         """Disturb line or controller: for a while a stop may not get through."""
         if not self._deaf:
-            self.cell.motion_monitor.line(self.now_s, hears=False)
+            self.cell.motion_monitor.line(self.now_s, False)
         self._deaf, self._clear_s = True, self.now_s
         self.others.spoilt()
         act()
@@ -893,7 +891,7 @@ class Story:
         self.line.unplugged = False
         with self.cell.server.controller() as controller:
             controller.machine.alive = True
-            controller.machine.switch_arm_power_on()
+            controller.machine.arm_power = True
 
     def write_config(self, **changes: Any) -> None:
         """Write another configuration; the daemon has not read it yet."""
@@ -978,7 +976,7 @@ class Story:
             self.harm()
         elif self._deaf and self.now_s > self._clear_s + HARMED_S:
             self._deaf = False
-            self.cell.motion_monitor.line(self.now_s, hears=True)
+            self.cell.motion_monitor.line(self.now_s, True)
 
     def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
         """Build the simulated hardware as daemon/cell/build.py does, with another line and clock."""
@@ -991,7 +989,7 @@ class Story:
             self.line.open,
         )
         kind = SimulatedOperator if self._parts else BareTable
-        hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
+        hand = kind(self.cell)
         cameras = ThreadedCameras(self.cell.camera, self.loop.time)
         robot = Val2Arm(link, geometry, Beliefs(self.loop.time, record))
         return Hardware(

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller.core import Controller
+from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners, drawn
 from drivers.simcell.controller.server import PtyServer
 from drivers.simcell.truth import TruthError, load_truth
@@ -49,7 +50,7 @@ def _of_cell(options: argparse.Namespace) -> tuple[Controller, int]:
     settings = load_truth(options.truth).arm
     arm = SimulatedArm(settings.geometry(), np.radians(settings.start_deg))
     arm.tool = np.eye(4)
-    made = Controller(arm, settings.controller_manners(), cold=settings.cold or options.cold)
+    made = Controller(Machine(arm, settings.controller_manners(), cold=settings.cold or options.cold))
     made.machine.calibrated = True
     return made, settings.baud
 
@@ -62,7 +63,7 @@ def _alone(options: argparse.Namespace) -> Controller:
     )
     if options.manners is not None:
         manners = replace(drawn(np.random.default_rng(options.manners)), arm_power_after_s=PERSON_AT_THE_PANEL_S)
-    return Controller(SimulatedArm(), manners, cold=options.cold)
+    return Controller(Machine(SimulatedArm(), manners, cold=options.cold))
 
 
 def _parser() -> argparse.ArgumentParser:

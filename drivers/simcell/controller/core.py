@@ -13,16 +13,13 @@ a time and prints the prompt after it; ABORT, control-C and mishaps end it early
 """
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import monitor
 from drivers.simcell.controller.commands import Ask, Command, Wait, come_to_rest
 from drivers.simcell.controller.expressions import MonitorError
-from drivers.simcell.controller.faults import Faults, Mishap
+from drivers.simcell.controller.faults import Mishap
 from drivers.simcell.controller.machine import Machine
-from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.terminal import ControllerTerminal, Line, LineKey
 from drivers.simcell.history import CONTROL_C
 
@@ -45,21 +42,13 @@ class TypedLine:
 
 
 class Controller:
-    """A VAL II controller with an arm."""
+    """A VAL II controller with its machine. It asks its power-up questions where that is cold."""
 
-    def __init__(
-        self,
-        arm: SimulatedArm,
-        manners: Manners | None = None,
-        on_hand: Callable[[bool], None] | None = None,
-        faults: Faults | None = None,
-        cold: bool = False,
-    ) -> None:
-        self.machine = Machine(arm, manners, on_hand, faults, cold)
-        self.arm, self.faults = arm, self.machine.faults
+    def __init__(self, machine: Machine) -> None:
+        self.machine, self.arm, self.faults = machine, machine.arm, machine.faults
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         """The typed lines, the newest last, run or refused; for tests."""
-        manners = self.machine.manners
+        manners = machine.manners
         self._newline = manners.newline.encode("ascii")
         self._terminal = ControllerTerminal(manners.line_editing, manners.line_ends, self._newline)
         self._typed_s = float("-inf")
@@ -73,10 +62,10 @@ class Controller:
         self._muted = False
         self._delayed: bytearray | None = None
         """An answer delayed until the next line is answered."""
-        if cold:
-            self._start(monitor.power_up(self.machine.manners.power_up))
-        else:
+        if machine.calibrated:
             self._print_prompt()
+        else:
+            self._start(monitor.power_up(manners.power_up))
 
     @property
     def now_s(self) -> float:

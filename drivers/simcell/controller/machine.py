@@ -221,10 +221,6 @@ class Machine:
         """Cancel the mishap scripted for this move."""
         self._mishap = None
 
-    def switch_arm_power_on(self) -> None:
-        """Press the arm power button of the panel."""
-        self.arm_power = True
-
     def miss_arm_power(self) -> None:
         """A command lacked arm power: a person may switch it on after a while."""
         if self.manners.arm_power_after_s is not None:

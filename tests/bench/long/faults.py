@@ -129,7 +129,7 @@ async def mend(here: Rig) -> None:
     faults.mute_answers, faults.split_prompt_s = 0, 0.0
     here.cell.camera.unplug(False)
     here.cell.camera.cover("left", False)
-    here.cell.controller.machine.switch_arm_power_on()
+    here.cell.controller.machine.arm_power = True
     await _stopped(here)
     if here.robot.question:
         await here.robot.power_up(("Y", "Y"))

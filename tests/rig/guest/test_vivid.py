@@ -70,8 +70,8 @@ def test_gain_is_locked_and_reads_back() -> None:
     cameras = V4L2StereoCamera(CameraSettings("0", "1", **SIZE, controls={"gain": 77, "brightness": 99}))  # type: ignore[arg-type]
     cameras.open()
     try:
-        for report in cameras.reports():
-            assert report.controls == {"gain_automatic": 0, "gain": 77, "brightness": 99}
+        for row in cameras.rows():
+            assert row["controls"] == {"gain_automatic": 0, "gain": 77, "brightness": 99}
     finally:
         cameras.close()
 
@@ -116,7 +116,7 @@ def test_a_frame_the_driver_marks_as_damaged_is_looked_past(camera: V4L2StereoCa
     press("inject_v4l2_buf_flag_error")
     for _ in range(3):
         camera.grab(time.monotonic(), 20.0)
-    assert camera.reports()[1].tally.damaged == 1
+    assert camera.rows()[1]["damaged"] == 1
 
 
 @pytest.mark.parametrize("trouble", ["disconnect", "inject_fatal_streaming_error"])

@@ -101,7 +101,8 @@ def test_a_gripper_that_is_no_longer_known_to_be_open_is_at_most_assumed_to_be_e
     assert not belief.empty_unproven
     for change in changes:
         belief = voided(belief, change)
-    assert belief.is_open == (belief.holds_part is False and not belief.empty_unproven)
+    known_open = belief.closed is not None and not belief.closed.value
+    assert known_open == (belief.holds_part is False and not belief.empty_unproven)
 
 
 @pytest.mark.parametrize("change", list(VoidingEvent))
@@ -182,7 +183,7 @@ def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(
 def test_a_gripper_that_facetd_opened_is_open_and_empty_by_its_own_act():
     mover = mover_in(World(np.random.default_rng(0)))
     asyncio.run(mover.set_gripper(closed=False))
-    assert mover.belief.is_open
+    assert mover.belief.closed.value is False
     assert (mover.belief.holds_part, mover.belief.empty_unproven, mover.belief.capsules) == (False, False, ())
 
 

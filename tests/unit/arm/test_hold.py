@@ -9,7 +9,7 @@ from math import inf
 
 import pytest
 
-from daemon.arm.hold import PauseAndStep, Waiting
+from daemon.arm.hold import PauseAndStep
 from daemon.arm.motion import UnansweredError
 from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError
 from daemon.arm.permission import MotionPermission
@@ -104,21 +104,6 @@ def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
     assert waits(hold, False, twice) == "goes"
 
 
-def test_a_move_has_expired_only_where_nobody_answered_in_time_and_nobody_took_it_back() -> None:
-    async def story(become: Callable[[asyncio.Future[bool]], object]) -> bool:
-        waiting = Waiting("stand-off", asyncio.get_running_loop().create_future(), 0.0)
-        become(waiting.answer)
-        return waiting.expired
-
-    expired = {
-        lambda _: None: False,
-        lambda answer: answer.set_result(True): False,
-        lambda answer: answer.set_exception(UnansweredError("nobody")): True,
-        lambda answer: answer.cancel(): False,
-    }
-    assert [lived(story(become)) for become in expired] == list(expired.values())
-
-
 def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:
     hold = PauseAndStep(MotionPermission(), lambda _: None)
     assert waits(hold, False, lambda _: None) == "goes"
@@ -145,7 +130,7 @@ def test_a_yes_counts_while_the_look_is_valid_and_nobodys_silence_is_none() -> N
         text = waiting.text
         answer()
         await move
-        return text, waiting.expired
+        return text, isinstance(waiting.answer.exception(), UnansweredError)
 
     asked_outside = list[Callable[[], str]]()
 

@@ -164,7 +164,7 @@ def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     asyncio.run(mover.set_gripper(closed=False))
-    assert mover.belief.is_open
+    assert mover.belief.closed.value is False
 
     def fail(name: str) -> None:
         if name == "hand":

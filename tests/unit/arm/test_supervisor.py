@@ -492,7 +492,7 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
     async def story() -> None:
         await mover.wait_until_at_rest()
         await mover.set_gripper(closed=False)
-        assert (mover.belief.resting_reading is None, mover.belief.is_open) == (False, True)
+        assert (mover.belief.resting_reading is None, mover.belief.closed.value) == (False, False)
         if way == "stop":
             await supervisor.stop()
         elif way == "conversation":

@@ -9,7 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.drift import Drift, DriftSettings, initial_state, observe
+from daemon.calibration.drift import Drift, initial_state, observe
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import Clue, clue
 from tests.fakes.rigs import turned, unlike_rig
@@ -51,7 +51,7 @@ def run(rig_at: Callable[[int], StereoRig], count: int, seed: int = 0) -> tuple[
     """The first look with an alarm, and the alarm."""
     rng, watch = np.random.default_rng(seed), initial_state()
     for k in range(count):
-        watch, drift = observe(watch, look(rig_at(k), rng, f"look {k}"), DriftSettings())
+        watch, drift = observe(watch, look(rig_at(k), rng, f"look {k}"))
         if drift is not None:
             return k, drift
     return None
@@ -80,7 +80,7 @@ def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
     rng, watch, drift = np.random.default_rng(3), initial_state(), None
     for k in range(120):
         rig = unlike_rig() if k < 50 else turned(unlike_rig(), 0, 0.2)
-        watch, drift = observe(watch, look(rig, rng, f"look {k}"), DriftSettings())
+        watch, drift = observe(watch, look(rig, rng, f"look {k}"))
     assert drift is not None
     assert abs(drift.degrees) == pytest.approx(0.2, abs=0.03)
     assert drift.stops
@@ -108,6 +108,6 @@ def test_a_calibration_that_was_a_little_off_from_the_start_is_not_taken_for_a_d
 
 def test_a_look_that_says_nothing_changes_nothing() -> None:
     watch = initial_state()
-    after, drift = observe(watch, clue(unlike_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), DriftSettings())
+    after, drift = observe(watch, clue(unlike_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"))
     assert drift is None
     assert not after.learnt_count.any()

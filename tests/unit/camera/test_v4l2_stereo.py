@@ -75,7 +75,7 @@ def test_frames_that_were_lost_between_looks_are_counted() -> None:
     cameras.grab(100.0, 1.0)
     system.now_s += 3.0
     cameras.grab(system.now_s, 1.0)
-    assert cameras.reports()[0].tally.dropped > 10
+    assert cameras.rows()[0]["dropped"] > 10
 
 
 def test_half_a_frame_is_looked_past_and_counted() -> None:
@@ -85,7 +85,7 @@ def test_half_a_frame_is_looked_past_and_counted() -> None:
     cameras = camera(system)
     pair = cameras.grab(100.0, 1.0)
     assert pair.left.sequence == 3
-    assert cameras.reports()[0].tally.damaged == 2
+    assert cameras.rows()[0]["damaged"] == 2
 
 
 def test_a_camera_that_only_delivers_halves_says_so() -> None:
@@ -110,7 +110,7 @@ def test_a_jpeg_that_cannot_be_decoded_is_looked_past() -> None:
     system.devices["/dev/video0"].schedule[1].data = good[:40]
     cameras = camera(system)
     assert np.all(cameras.grab(100.0, 1.0).left.pixels == 90)
-    assert cameras.reports()[0].tally.damaged == 1
+    assert cameras.rows()[0]["damaged"] == 1
 
 
 def test_a_stalled_camera_is_named_and_both_devices_are_let_go() -> None:
@@ -268,7 +268,7 @@ def test_wished_controls_are_set_on_both_cameras_and_reported() -> None:
         device.controls[0x00980913] = PretendControl("Gain", 0, 255, 0)
     cameras = camera(system, replace(SETTINGS, controls={"gain": 32}))
     cameras.open()
-    assert [r.controls for r in cameras.reports()] == [{"gain": 32}, {"gain": 32}]
+    assert [row["controls"] for row in cameras.rows()] == [{"gain": 32}, {"gain": 32}]
 
 
 def exposed(**wishes: float) -> tuple[object, list[int]]:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from daemon.cell.simulated_operator import SimulatedOperator
-from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 
 TRUTH = Path(__file__).resolve().parents[3] / "etc" / "simcell.yaml"
@@ -19,7 +18,7 @@ Lie = list[tuple[str, str, list[float]]]
 @pytest.fixture
 def hand() -> Iterator[SimulatedOperator]:
     with SimulatedCell(TRUTH, seed=3) as cell:
-        yield SimulatedOperator(cell, {"cube": 1, "pyramid": 2}, BoardPrint)
+        yield SimulatedOperator(cell)
 
 
 def lie(hand: SimulatedOperator) -> Lie:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from tests.fakes.simulated_cell import CONFIG
 
 def test_the_true_error_of_a_set_down_is_that_of_the_part_nearest_to_the_place() -> None:
     with SimulatedCell(CONFIG.parent / "simcell.yaml", seed=1) as cell:
-        hand = SimulatedOperator(cell, {"cube": 1}, Mock())
+        hand = SimulatedOperator(cell)
         corners = cell.world.shape("cube").hull.vertices
         poses = [rigid(turn([0, 0, 1], k * np.pi / 2), [400.0, -200.0, -275.0]) for k in range(4)]
         assert hand.place_error("cube", poses, corners) is None, "no cube is there"
@@ -35,7 +33,7 @@ def test_a_body_of_revolution_is_truly_at_its_place_in_any_turn_about_its_axis_a
     rim = list(zip(25.0 * np.cos(around), 25.0 * np.sin(around), strict=True))
     disc = drawn_shape("disc", *prism(rim, 10.0))
     with SimulatedCell(CONFIG.parent / "simcell.yaml", seed=1) as cell:
-        hand = SimulatedOperator(cell, {"disc": 1}, Mock())
+        hand = SimulatedOperator(cell)
         cell.world.draw([disc])
         corners, axis = disc.hull.vertices, np.array([0.0, 0.0, 1.0])
         place = rigid(np.eye(3), [400.0, -200.0, -290.0])

@@ -17,10 +17,9 @@ from daemon.arm import Beliefs, MoveCommand, StopRefusedError
 from daemon.cell.val2_arm import ENDED, NO_ZERO, Val2Arm
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, Manners, Mishap, instructions
+from drivers.simcell.controller import Controller, Faults, Machine, Manners, Mishap, instructions
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
-from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.val2.conversation import Unconditional
@@ -45,7 +44,7 @@ def runner() -> Iterator[asyncio.Runner]:
 def line(runner: asyncio.Runner) -> ArmLine:
     hand: list[bool] = []
     faults = Faults()
-    controller = Controller(SimulatedArm(joints_rad=BENT), Manners(calibration_s=20.0), hand.append, faults)
+    controller = Controller(Machine(SimulatedArm(joints_rad=BENT), Manners(calibration_s=20.0), hand.append, faults))
     return line_in_time(controller, faults, hand, 10.0, runner.get_loop())
 
 
@@ -280,7 +279,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        controller = Controller(SimulatedArm(joints_rad=BENT))
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT)))
         line = MemoryLine(controller, loop)
         goes_on: list[asyncio.TimerHandle] = []
 
@@ -320,7 +319,7 @@ def test_a_program_that_moves_the_arm_on_and_on_is_ended_soon_and_one_motion_may
 
     async def story() -> tuple[float, list[str]]:
         loop = asyncio.get_running_loop()
-        controller = Controller(SimulatedArm(joints_rad=BENT))
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT)))
         line = MemoryLine(controller, loop)
         swinging: list[asyncio.TimerHandle] = []
 
@@ -372,7 +371,7 @@ def test_a_terminal_that_is_left_while_the_controller_has_no_zero_is_left_withou
     monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
 
     async def story() -> int:
-        line = MemoryLine(Controller(SimulatedArm(joints_rad=BENT)), asyncio.get_running_loop())
+        line = MemoryLine(Controller(Machine(SimulatedArm(joints_rad=BENT))), asyncio.get_running_loop())
         arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         await arm.open()
         async with arm.terminal(lambda _: None, print) as send:
@@ -389,7 +388,7 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
     """It may be a program's, with the arm on its way: control-C was told that nothing moves."""
 
     async def story() -> None:
-        controller = Controller(SimulatedArm(joints_rad=BENT))
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT)))
         line = MemoryLine(controller, asyncio.get_running_loop())
         link = Link(line.port, clock=line.now_s, open_port=line.open)
         await link.open()
@@ -411,7 +410,7 @@ def test_a_question_found_on_opening_is_one_of_power_up_by_its_words_alone() -> 
     """A program that somebody left asking: the arm was said to be at rest, and `robot power-up` sent it on its way."""
 
     async def story(asks: tuple[str, ...]) -> tuple[bool, bool, list[str]]:
-        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(power_up=asks), cold=True)
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT), Manners(power_up=asks), cold=True))
         line = MemoryLine(controller, asyncio.get_running_loop())
         arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         with contextlib.suppress(LinkError):
@@ -428,7 +427,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def story() -> None:
-        controller = Controller(SimulatedArm(joints_rad=BENT))
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT)))
         line = MemoryLine(controller, asyncio.get_running_loop())
 
         def asking(machine: Machine, _: str) -> Iterator[Ask]:
@@ -451,7 +450,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
 
 def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
     async def story() -> list[str]:
-        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(lost_within_s=0.005))
+        controller = Controller(Machine(SimulatedArm(joints_rad=BENT), Manners(lost_within_s=0.005)))
         line = MemoryLine(controller, asyncio.get_running_loop())
         slowly = Dialect(character_pause_s=0.01)
         arm = arm_of(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())

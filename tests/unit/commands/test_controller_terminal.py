@@ -27,7 +27,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller
+from drivers.simcell.controller import Controller, Machine
 from drivers.val2.commands import moves_the_arm, turns_over, works_the_hand
 from drivers.val2.link import Link
 from tests.fakes.fake_cell import TruthRecogniser, World, build
@@ -224,7 +224,7 @@ WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y"
 @given(keys=st.lists(st.sampled_from(WORDS) | st.binary(max_size=4), max_size=30))
 def test_whatever_keys_are_pressed_an_arm_that_may_not_move_does_not(keys: list[bytes]) -> None:
     sent, _ = typed(standing(enabled=False), *keys)
-    controller = Controller(SimulatedArm())
+    controller = Controller(Machine(SimulatedArm()))
     before = controller.arm.joints_at(0.0)
     for now_s, byte in enumerate(sent):
         controller.receive(bytes([byte]), now_s * 0.05)
@@ -311,7 +311,7 @@ def test_in_a_dry_run_no_line_that_may_move_the_arm_is_sent_from_here_either() -
 
 def test_the_property_above_sees_an_arm_that_may_move_moving() -> None:
     sent, _ = typed(standing(), b"DO READY\r", b"y")
-    controller = Controller(SimulatedArm())
+    controller = Controller(Machine(SimulatedArm()))
     before = controller.arm.joints_at(0.0)
     controller.receive(sent, 0.0)
     controller.tick(1000.0)

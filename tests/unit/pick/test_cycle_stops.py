@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.arm.belief import BeliefSource
-from daemon.arm.motion import MoveRefusedError
+from daemon.arm.motion import MoveRefusedError, UnansweredError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.events.codes import CauseCode, FaultCause
 from daemon.events.pick_order import PickOrder
@@ -279,7 +279,7 @@ def test_a_move_that_nobody_confirms_while_its_look_is_valid_is_asked_about_agai
                 late.append(waiting.text)
                 world.now_s += 20.0
                 await until_so(partial(lambda before: hold.waiting is not before, waiting))
-                assert waiting.expired
+                assert isinstance(waiting.answer.exception(), UnansweredError)
             else:
                 hold.confirm()
         return await task, late

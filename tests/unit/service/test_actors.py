@@ -92,7 +92,8 @@ def still_empty(before: CellBelief, change: VoidingEvent) -> CellBelief:
 
 async def opened_here(context: PickContext, world: WorldModel, *about: Any, **how: Any) -> None:
     """As if what is taken for empty could be opened anywhere."""
-    if not context.mover.belief.is_open:
+    closed = context.mover.belief.closed
+    if closed is None or closed.value:
         await context.mover.set_gripper(closed=False)
     await travel(context, world, *about, **how)
 

@@ -190,6 +190,6 @@ def test_telling_the_controller_of_another_tool_does_not_move_the_true_one() -> 
 def test_a_pose_is_reached_in_the_configuration_asked_for() -> None:
     arm = SimulatedArm(joints_rad=READY_RAD)
     goal = matrix_from_location(Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0))
-    arm.move_to(goal, Configuration(), 1.0, 0.0)
+    arm.move_joints(arm.joints_for(goal, Configuration(), 0.0), 1.0, 0.0)
     np.testing.assert_allclose(arm.reported_pose_at(arm.rests_s), goal, atol=1e-9)
     assert configuration_of(arm.joints_at(arm.rests_s)) == Configuration()

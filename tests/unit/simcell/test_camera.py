@@ -173,7 +173,9 @@ def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_h
     with SimulatedCell(truth, seed=3) as remembering, SimulatedCell(truth, seed=3) as forgetful:
         before = b""
         for cell in (remembering, forgetful):
-            cell.arm.move_to(LOOKING_DOWN, configuration_of(READY_RAD), 1.0, cell.server.now_s() - 100.0)
+            began_s = cell.server.now_s() - 100.0
+            joints = cell.arm.joints_for(LOOKING_DOWN, configuration_of(READY_RAD), began_s)
+            cell.arm.move_joints(joints, 1.0, began_s)
             cell.camera.open()
         for change in changes:
             pictures = []

@@ -13,7 +13,7 @@ import pytest
 from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
@@ -31,7 +31,7 @@ class Cell:
     def __init__(self, manners: Manners | None = None, **safety: object) -> None:
         geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = SimulatedArm(geometry, READY_RAD)
-        self.controller, self.now_s = Controller(arm, manners), 0.0
+        self.controller, self.now_s = Controller(Machine(arm, manners)), 0.0
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))
         body = ArmSpheres([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
         self.motion_monitor = MotionMonitor(self.controller.machine.history, body, rules, TRUTH.table)
@@ -129,7 +129,7 @@ def test_a_character_that_stops_may_be_noise_where_the_line_is_spoiled_and_a_wor
 ) -> None:
     """A noisy echo of a line that is typed again has no operator behind it."""
     cell = Cell()
-    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.line(cell.now_s, False)
     cell.types(stop)
     cell.types("DO DRIVE 2,-5,20")
     assert cell.found() == found
@@ -410,11 +410,11 @@ def test_what_was_judged_once_is_not_judged_again() -> None:
 def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | None, rules: list[str]) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-80,5", 0.5)
-    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.line(cell.now_s, False)
     cell.motion_monitor.stop_received(cell.now_s + 0.1, "a stop")
     cell.motion_monitor.may_move(cell.now_s + 0.1, False)
     if again_s is not None:
-        cell.motion_monitor.line(cell.now_s + again_s, hears=True)
+        cell.motion_monitor.line(cell.now_s + again_s, True)
     cell.types("DO BREAK", 100.0)
     assert cell.found() == rules
     cell.types("DO OPENI")
@@ -448,7 +448,7 @@ def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line
 def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question() -> None:
     cell = Cell()
     cell.types("CAL", 1.0)
-    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.line(cell.now_s, False)
     cell.motion_monitor.may_move(cell.now_s, False)
     cell.types("Y")
     assert cell.found() == ["not allowed"]
@@ -540,10 +540,10 @@ def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before
 
 def test_a_motion_typed_while_moves_were_held_over_a_line_that_carried_nothing_may_have_been_let_go_before() -> None:
     cell = Cell()
-    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.line(cell.now_s, False)
     cell.motion_monitor.held(cell.now_s, True)
     cell.types("", 3.0)
-    cell.motion_monitor.line(cell.now_s, hears=True)
+    cell.motion_monitor.line(cell.now_s, True)
     cell.types("DO READY")
     assert cell.found() == []
 

@@ -14,7 +14,7 @@ import pytest
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Controller, Faults, LineFault, Mishap
+from drivers.simcell.controller import Controller, Faults, LineFault, Machine, Mishap
 from drivers.val2.errors import ControllerError, PortError, Preempted
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
@@ -40,7 +40,7 @@ def line_to(controller: Controller) -> tuple[MemoryLine, Link]:
 
 def test_ten_minutes_of_moves_pass_in_the_time_their_work_takes() -> None:
     async def story() -> tuple[float, int]:
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
         _, link = line_to(controller)
         await link.open()
         await link.command("SPEED 20")
@@ -65,7 +65,7 @@ def test_a_conversation_repeats_itself_byte_for_byte_and_second_for_second() -> 
         records: list[dict[str, Any]] = []
         faults = Faults(line=[LineFault("to_controller", "flip", after=40)])
         loop = asyncio.get_running_loop()
-        line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD), faults=faults), loop)
+        line = MemoryLine(Controller(Machine(SimulatedArm(joints_rad=READY_RAD), faults=faults)), loop)
         link = Link(line.port, clock=loop.time, on_wire=records.append, open_port=line.open)
         await link.open()
         target = location_from_matrix(forward(READY_RAD + np.radians([10, -20, 5, 0, 10, 0])))
@@ -81,7 +81,7 @@ def test_a_conversation_repeats_itself_byte_for_byte_and_second_for_second() -> 
 
 def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
     async def story() -> float:
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
         line, link = line_to(controller)
         await link.open()
         await link.command("SPEED 5")
@@ -101,7 +101,7 @@ def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
 
 def test_a_lost_line_and_a_mishap_are_told_as_on_a_real_one() -> None:
     async def story() -> None:
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
         line, link = line_to(controller)
         await link.open()
         with pytest.raises(PortError, match="in use"):

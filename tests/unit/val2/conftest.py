@@ -7,14 +7,14 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, Faults, Machine, Manners, PtyServer
 from tests.fakes.arm_line import ArmLine, MakesLine, line_in_time
 
 
 def controller_that(manners: Manners | None, cold: bool, joints_rad: Any) -> tuple[Controller, Faults, list[bool]]:
     """A controller, its faults, and the commands that its gripper gets."""
     faults, hand = Faults(), list[bool]()
-    return Controller(SimulatedArm(joints_rad=joints_rad), manners, hand.append, faults, cold), faults, hand
+    return Controller(Machine(SimulatedArm(joints_rad=joints_rad), manners, hand.append, faults, cold)), faults, hand
 
 
 @pytest.fixture

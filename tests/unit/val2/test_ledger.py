@@ -11,7 +11,7 @@ import pytest
 from drivers.ledger import Ledger
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, LineFault
+from drivers.simcell.controller import Controller, LineFault, Machine
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import Link
 from drivers.val2.location import Location
@@ -86,7 +86,7 @@ def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -
 def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(timed_line: MakesLine) -> None:
     records = a_session(timed_line)
     then = "".join(record["bytes"] for record in records if record["way"] == "in")
-    controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+    controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
     now = ""
     for record in records:
         passed_s = (record["t_s"] - records[0]["t_s"]) * SCALE

@@ -87,7 +87,7 @@ class Scene:
         faults.mute_answers = 0
         for _ in range(6):
             with self.cell.server.controller() as controller:
-                controller.machine.switch_arm_power_on()
+                controller.machine.arm_power = True
             try:
                 if self.link.question is not None:
                     await self.link.power_up(("Y", "Y"))

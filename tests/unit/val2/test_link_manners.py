@@ -17,7 +17,7 @@ from daemon.frontends.client import STOP_ANSWER_S
 from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.errors import NoAnswer
@@ -35,7 +35,7 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
 
     async def story() -> None:
         arm = SimulatedArm(strange.geometry, np.radians(strange.joints_deg))
-        controller = Controller(arm, strange.manners)
+        controller = Controller(Machine(arm, strange.manners))
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
         clock = asyncio.get_running_loop().time
         link = Link("memory", dialect_of(strange), clock, open_port=line.open)
@@ -72,7 +72,7 @@ def test_on_the_slowest_line_allowed_a_stop_is_confirmed_before_its_operator_is_
     manners."""
 
     async def story() -> None:
-        controller = Controller(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])))
+        controller = Controller(Machine(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0]))))
         line = PacedLine(controller, asyncio.get_running_loop(), baud)
         clock = asyncio.get_running_loop().time
         link = Link("memory", Dialect(baud=baud), clock, open_port=line.open)
@@ -97,7 +97,9 @@ def test_a_pace_that_is_too_quick_is_no_stop_and_is_told() -> None:
     strange = replace(strange, manners=replace(strange.manners, lost_within_s=0.02, echo=False))
 
     async def story() -> None:
-        controller = Controller(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+        controller = Controller(
+            Machine(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+        )
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
         quick = replace(dialect_of(strange), character_pause_s=0.0)
         link = Link("memory", quick, asyncio.get_running_loop().time, open_port=line.open)
@@ -123,7 +125,9 @@ def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_o
 
     async def story() -> None:
         manners = Manners(echo=echo, line_editing=False, prompt_after_move="end", line_ends=line_ends)
-        controller = Controller(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
+        controller = Controller(
+            Machine(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
+        )
         loop, end = asyncio.get_running_loop(), b"\n" if line_ends == "lf" else b"\r"
         line = PacedLine(controller, loop, 9600)
         controller.output(0.0)

@@ -12,10 +12,9 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, LineFault, Manners, Mishap
+from drivers.simcell.controller import Controller, LineFault, Machine, Manners, Mishap
 from drivers.simcell.controller.commands import Ask, bare
 from drivers.simcell.controller.expressions import MonitorError
-from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, LinkError, NoAnswer, Preempted, StopWordRefused
@@ -38,7 +37,7 @@ def at_simulated_time(story: Coroutine[Any, Any, Any]) -> Any:
 async def under_way(dialect: Dialect | None = None, **manners: Any) -> tuple[Controller, MemoryLine, Link]:
     """An arm that is on a way of some 20 s, and a link that told it."""
     loop = asyncio.get_running_loop()
-    controller = Controller(SimulatedArm(joints_rad=READY_RAD), Manners(**manners))
+    controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD), Manners(**manners)))
     line = MemoryLine(controller, loop)
     link = Link(line.port, dialect, clock=loop.time, open_port=line.open)
     await link.open()
@@ -142,7 +141,7 @@ def test_an_arm_that_still_moves_after_the_word_was_taken_is_told_again(monkeypa
 def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_was_opened_anew() -> None:
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD)), loop)
+        line = MemoryLine(Controller(Machine(SimulatedArm(joints_rad=READY_RAD))), loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
         assert not link.permission.stop_tests
@@ -200,7 +199,7 @@ def test_a_controller_that_has_no_zero_and_takes_the_stop_has_confirmed_it_so_th
         await link.close()
         await link.open()
         await link.power_up()
-        controller.machine.switch_arm_power_on()
+        controller.machine.arm_power = True
         assert await link.stop_motion() is None
         await link.close()
         await link.open()
@@ -291,7 +290,7 @@ def test_an_arm_exactly_where_it_was_sent_is_there_and_at_rest_however_little_it
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD)), loop)
+        line = MemoryLine(Controller(Machine(SimulatedArm(joints_rad=READY_RAD))), loop)
         link = Link(line.port, exact, clock=loop.time, open_port=line.open)
         await link.open()
         await link.move(FAR)
@@ -332,7 +331,7 @@ def test_a_program_that_asks_whether_to_go_on_is_no_controller_that_was_switched
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
         line = MemoryLine(controller, loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
@@ -370,7 +369,7 @@ def test_a_stop_amid_the_yes_to_a_question_does_not_say_it() -> None:
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD)))
         line = MemoryLine(controller, loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
@@ -391,7 +390,7 @@ def test_an_answer_that_was_spoiled_leaves_the_question_and_no_letter_for_the_ne
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        controller = Controller(SimulatedArm(joints_rad=READY_RAD), cold=True)
+        controller = Controller(Machine(SimulatedArm(joints_rad=READY_RAD), cold=True))
         line = MemoryLine(controller, loop)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.puma560 import NEST_RAD, READY_RAD
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, LineFault, Manners, Mishap
+from drivers.simcell.controller import Controller, Faults, LineFault, Machine, Manners, Mishap
 from drivers.simcell.controller.machine import PENDANT
 from drivers.simcell.controller.manners import drawn
 from drivers.simcell.history import CONTROL_C, GripperRecord, MotionRecord, StopRecord
@@ -22,7 +22,7 @@ class Terminal:
     def __init__(self, manners: Manners | None = None, faults: Faults | None = None, cold: bool = False) -> None:
         self.hand: list[bool] = []
         self.arm = SimulatedArm()
-        self.controller = Controller(self.arm, manners, self.hand.append, faults, cold)
+        self.controller = Controller(Machine(self.arm, manners, self.hand.append, faults, cold))
         self.now_s = 0.0
         self.controller.output(0.0)
 
@@ -292,7 +292,7 @@ def test_without_calibration_nothing_moves() -> None:
     terminal = Terminal(cold=True)
     terminal.types("y\ry")
     assert "*Arm power off*" in terminal.types("DO READY")
-    terminal.controller.machine.switch_arm_power_on()
+    terminal.controller.machine.arm_power = True
     assert "*Not calibrated*" in terminal.types("DO READY")
     terminal.waits(30)
     np.testing.assert_array_equal(terminal.arm.joints_at(terminal.now_s), NEST_RAD)
@@ -451,7 +451,7 @@ def test_random_bytes_neither_stop_it_nor_move_it() -> None:
 
 
 def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_dot() -> None:
-    controller = Controller(SimulatedArm(), Manners(line_ends="both", echo=False, calibration_s=1.0))
+    controller = Controller(Machine(SimulatedArm(), Manners(line_ends="both", echo=False, calibration_s=1.0)))
     controller.receive(b"cal\n\r", 0.0)
     assert controller.output(0.0).endswith(b"(Y/N)? ")
     controller.receive(b"y\n\r", 0.1)
@@ -463,7 +463,7 @@ def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_d
 def test_every_manner_that_may_be_drawn_answers_where_so_that_our_reader_reads_it() -> None:
     for seed in range(60):
         manners = drawn(np.random.default_rng(seed))
-        controller, reader = Controller(SimulatedArm(joints_rad=READY_RAD), manners), Reader()
+        controller, reader = Controller(Machine(SimulatedArm(joints_rad=READY_RAD), manners)), Reader()
         end = b"\n" if manners.line_ends == "lf" else b"\r"
         for k, byte in enumerate(b"WHERE" + end):
             controller.receive(bytes([byte]), 1.0 + 0.1 * k)
