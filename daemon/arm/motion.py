@@ -324,7 +324,9 @@ class Mover:
         speed_pct: the speed of a step from its world_from_tool; it is cut to the limit; contact: see MoveCommand.
         Raises OutOfReachError before anything is sent, and what `go` raises.
         """
-        path = self._path(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact))
+        whole = MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact)
+        here = self.next_start
+        path = (PathSegment(target, straight),) if here is None else self._path_from(here, whole)
         speeds = [min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct) for leg in path]
         moves = [
             MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s, contact)
@@ -345,11 +347,6 @@ class Mover:
             joints = self.cell.robot.kinematics.reachable(pose, here.joints_rad)
             assert joints is not None, "a path to it was found"
             here = Reading(pose, joints)
-
-    def _path(self, command: MoveCommand) -> tuple[PathSegment, ...]:
-        if self.next_start is None:
-            return (PathSegment(command.world_from_tool, command.straight),)
-        return self._path_from(self.next_start, command)
 
     def _path_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
         path = plan_path(command, self.arm_state(), start, self.cell.robot.kinematics, self._bounds(command))

@@ -69,14 +69,10 @@ def refit_lens(matrix: Array, coefficients: Array, size: tuple[int, int], fishey
 
 
 def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Array:
-    if not fisheye:
-        points = np.column_stack([rays, np.ones(len(rays))])
-        return np.asarray(cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, values)[0], float).reshape(-1, 2)
-    away = np.linalg.norm(rays, axis=1)
-    angle = np.arctan(away)
-    bent = angle * (1 + angle[:, None] ** np.array([2, 4, 6, 8]) @ values)
-    flat = rays * np.where(away > 1e-9, bent / np.maximum(away, 1e-9), 1.0)[:, None]
-    return np.asarray(flat * np.diag(matrix)[:2] + matrix[:2, 2], float)
+    points, project_points = np.column_stack([rays, np.ones(len(rays))])[:, None], cv2.projectPoints
+    if fisheye:
+        project_points = cv2.fisheye.projectPoints  # type: ignore[assignment]
+    return np.asarray(project_points(points, np.zeros(3), np.zeros(3), matrix, values)[0], float).reshape(-1, 2)
 
 
 def rays_in_view(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:

@@ -48,8 +48,7 @@ async def camera_faults(cameras: ThreadedCameras, clock: Callable[[], float]) ->
 async def _fault(cameras: ThreadedCameras, name: CameraName, clock: Callable[[], float]) -> str | None:
     try:
         await cameras.use(name)
-        first = await cameras.grab(clock(), TRIAL_S)
-        now = await cameras.grab(first.left.taken_s, TRIAL_S)
+        first, now = await _series(cameras, clock, 2)
     except EXPECTED_ERRORS as error:
         return " ".join(str(error).split())
     pictures = [(pair.left.pixels, pair.left.pixels) for pair in (now, first)]
@@ -113,8 +112,7 @@ async def pair_fault(cameras: ThreadedCameras, rig: StereoRig, clock: Callable[[
     before = cameras.alone
     try:
         await cameras.use(None)
-        first = await cameras.grab(clock(), TRIAL_S)
-        now = await cameras.grab(max(first.left.taken_s, first.right.taken_s), TRIAL_S)
+        first, now = await _series(cameras, clock, 2)
         pictures = [(pair.left.pixels, pair.right.pixels) for pair in (now, first)]
         wrong = _of_both(examine(pictures[0], pictures[1], rig, sharp=False))
     except EXPECTED_ERRORS as error:

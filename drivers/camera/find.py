@@ -41,33 +41,25 @@ class Device:
     controls: tuple[Control, ...] = ()
 
 
-def camera_error(error: OSError, camera: str, path: str, system: Linux) -> CameraError:
-    """The CameraError for an error of the kernel: what happened and what to do."""
-    where = f"{camera} camera {path}"
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return CameraError(f"{where}: permission denied: add this user to the group `video` (usermod -aG video USER)")
-    if error.errno == errno.ENOSPC:
-        return CameraError(
-            f"{where}: the USB controller lacks the bandwidth for this stream: lower cameras.fps or the size, put "
-            "MJPEG first in cameras.formats, or plug one camera into another controller"
-        )
-    if error.errno == errno.EBUSY:
-        who = ", ".join(system.holders(path)) or "another program"
-        return CameraError(f"{where} is busy: {who} has it; stop that first")
-    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EPROTO, errno.EPIPE):
-        return CameraError(
-            f"{where} is gone ({error.strerror}): unplugged? facetd looks for it again at the next picture"
-        )
-    return CameraError(f"{where}: {error.strerror or error}")
-
-
 @contextmanager
 def kernel_errors(camera: str, path: str, system: Linux) -> Iterator[None]:
-    """Raise errors of the kernel as CameraError."""
+    """Context: raise errors of the kernel as CameraError: what happened and what to do."""
     try:
         yield
     except OSError as error:
-        raise camera_error(error, camera, path, system) from error
+        why = f": {error.strerror or error}"
+        if error.errno in (errno.EACCES, errno.EPERM):
+            why = ": permission denied: add this user to the group `video` (usermod -aG video USER)"
+        elif error.errno == errno.ENOSPC:
+            why = (
+                ": the USB controller lacks the bandwidth for this stream: lower cameras.fps or the size, put MJPEG "
+                "first in cameras.formats, or plug one camera into another controller"
+            )
+        elif error.errno == errno.EBUSY:
+            why = f" is busy: {', '.join(system.holders(path)) or 'another program'} has it; stop that first"
+        elif error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EPROTO, errno.EPIPE):
+            why = f" is gone ({error.strerror}): unplugged? facetd looks for it again at the next picture"
+        raise CameraError(f"{camera} camera {path}{why}") from error
 
 
 def _rates(node: FileNode, code: int, width: int, height: int) -> str:

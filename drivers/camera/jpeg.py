@@ -13,7 +13,7 @@ bit, without it 35 %.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -62,7 +62,8 @@ class _Component:
 
 @dataclass
 class _Header:
-    """The frame header: width, height px; across, down: largest sampling factors; restart: interval in MCUs."""
+    """What comes before the scan: width, height px; across, down: largest sampling factors; restart: interval in MCUs;
+    tables: Huffman codes by class and number; steps: quantisation of the DC values by table."""
 
     width: int = 0
     height: int = 0
@@ -70,6 +71,8 @@ class _Header:
     down: int = 1
     restart: int = 0
     components: tuple[_Component, ...] = ()
+    tables: dict[int, tuple[int, ...]] = field(default_factory=lambda: _standard_tables())
+    steps: dict[int, int] = field(default_factory=dict)
 
 
 def check_whole(data: bytes) -> int:
@@ -79,7 +82,7 @@ def check_whole(data: bytes) -> int:
     """
     if data[:2] != b"\xff\xd8":
         raise JpegError(f"no JPEG: {len(data)} bytes that begin with {data[:2].hex() or 'nothing'}")
-    header, tables, steps, at = _Header(), _standard_tables(), dict[int, int](), 2
+    header, at = _Header(), 2
     while True:
         marker, at = _marker(data, at)
         if marker in ALONE:
@@ -89,9 +92,9 @@ def check_whole(data: bytes) -> int:
         if size < 2 or len(body) < size - 2:
             raise JpegError(f"cut off after {len(data)} bytes, in its header")
         at += size
-        _read_segment(marker, body, header, tables, steps)
+        _read_segment(marker, body, header)
         if marker == SCAN:
-            return _scan(data, at, body, header, tables, steps)
+            return _scan(data, at, body, header)
 
 
 def _marker(data: bytes, at: int) -> tuple[int, int]:
@@ -104,21 +107,19 @@ def _marker(data: bytes, at: int) -> tuple[int, int]:
     return data[at + 1], at + 2
 
 
-def _read_segment(
-    marker: int, body: bytes, header: _Header, tables: dict[int, tuple[int, ...]], steps: dict[int, int]
-) -> None:
+def _read_segment(marker: int, body: bytes, header: _Header) -> None:
     try:
         if marker in BASELINE:
             _read_frame(body, header)
         elif marker == TABLES:
             while body:
                 count = sum(body[1:17])
-                tables[body[0]] = _codes(bytes(body[1:17]), bytes(body[17 : 17 + count]))
+                header.tables[body[0]] = _codes(bytes(body[1:17]), bytes(body[17 : 17 + count]))
                 body = body[17 + count :]
         elif marker == QUANTISATION:
             while body:
                 wide = body[0] >> 4
-                steps[body[0] & 15] = int.from_bytes(body[1 : 2 + wide], "big")
+                header.steps[body[0] & 15] = int.from_bytes(body[1 : 2 + wide], "big")
                 body = body[1 + BLOCK * (1 + wide) :]
         elif marker == RESTART_INTERVAL:
             header.restart = int.from_bytes(body[:2], "big")
@@ -162,9 +163,7 @@ def _standard_tables() -> dict[int, tuple[int, ...]]:
     }
 
 
-def _scan(
-    data: bytes, at: int, body: bytes, header: _Header, tables: dict[int, tuple[int, ...]], steps: dict[int, int]
-) -> int:
+def _scan(data: bytes, at: int, body: bytes, header: _Header) -> int:
     """Check the scan. Returns the offset of the picture's end. Raises JpegError."""
     if not header.components or not header.width or not header.height:
         raise JpegError("bytes lost in its header: the size is missing")
@@ -175,9 +174,9 @@ def _scan(
         plan = [
             (
                 k,
-                tables[chosen[c.number] >> 4],
-                tables[0x10 | chosen[c.number] & 15],
-                LARGEST_DC // max(steps[c.quantisation], 1) + 2,
+                header.tables[chosen[c.number] >> 4],
+                header.tables[0x10 | chosen[c.number] & 15],
+                LARGEST_DC // max(header.steps[c.quantisation], 1) + 2,
             )
             for k, c in enumerate(header.components)
             for _ in range(c.blocks)

@@ -28,7 +28,7 @@ from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
-from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
+from drivers.simcell.stand import DISTANCE_MM, teaching_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import GripperKind, load_truth, rigid_matrix
@@ -243,10 +243,8 @@ class SimulatedCell:
         lighting, away_mm = self._settings.lighting, DISTANCE_MM
         if self._settings.world_from_cyclopean is not None:
             away_mm = HELD_UP * float((self._settings.table.height_mm - at[2, 3]) / at[2, 2])
-        if self.world.drawn(label):
-            pose = drawn_pose(self.world.shape(label), view, at, centres, lighting, away_mm)
-        else:
-            pose = characteristic_pose(label, view, at, centres, lighting, away_mm)
+        shape, drawn = self.world.shape(label), self.world.drawn(label)
+        pose = teaching_pose(shape, view, at, centres, lighting, away_mm, drawn)
         return self.world.put(label, pose, PartPlace.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:

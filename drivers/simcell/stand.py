@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.light import facet_levels
-from drivers.simcell.parts import ConvexSolid, PartShape, part_shape
+from drivers.simcell.parts import ConvexSolid, PartShape
 from drivers.simcell.rigid import apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
@@ -42,45 +42,36 @@ class NoViewError(Exception):
     """A part cannot be shown in a view; the message says which, and why."""
 
 
-def characteristic_pose(
-    label: str,
-    view: int,
-    world_from_cyclopean: Array,
-    centres_cyclopean_mm: Sequence[Array],
-    lighting: Lighting,
-    distance_mm: float = DISTANCE_MM,
-) -> Array:
-    """Pose world_from_part (4, 4) that shows both cameras the view-th characteristic view, lit as clearly as possible.
-
-    centres_cyclopean_mm: optical centres (3,); distance_mm: from the cameras. Raises NoViewError where
-    the part has no such view.
-    """
-    views = VIEWS.get(label, ())
-    if not 0 <= view < len(views):
-        raise NoViewError(f"{label}: characteristic views are numbered 0 to {len(views) - 1}, not {view}")
-    shape = part_shape(label)
-    viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
-    poses = _poses(_direction(shape, views[view]), world_from_cyclopean, distance_mm)
-    score, pose = _clearest(shape, poses, viewers, views[view], lighting)
-    if score == 0.0:
-        raise NoViewError(f"{label}: view {view} cannot be shown at {distance_mm:.0f} mm")
-    return pose
-
-
-def drawn_pose(
+def teaching_pose(
     shape: PartShape,
     view: int,
     world_from_cyclopean: Array,
     centres_cyclopean_mm: Sequence[Array],
     lighting: Lighting,
     distance_mm: float = DISTANCE_MM,
+    drawn: bool = False,
 ) -> Array:
-    """The same for a part from a drawing, from one of eight sides (modulo 8); the best pose even where none shows all
-    facets clearly."""
+    """Pose world_from_part (4, 4) that shows both cameras the view-th characteristic view, lit as clearly as possible.
+
+    centres_cyclopean_mm: optical centres (3,); distance_mm: from the cameras. drawn: the part is from a drawing; it is
+    shown from one of eight sides (view modulo 8), even where no pose shows all facets clearly. Raises NoViewError where
+    the part has no such view.
+    """
+    wanted = None
+    if drawn:
+        towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
+    else:
+        views = VIEWS.get(shape.label, ())
+        if not 0 <= view < len(views):
+            raise NoViewError(f"{shape.label}: characteristic views are numbered 0 to {len(views) - 1}, not {view}")
+        wanted = views[view]
+        towards = _direction(shape, wanted)
     viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
-    towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
     poses = _poses(towards, world_from_cyclopean, distance_mm)
-    return _clearest(shape, poses, viewers, None, lighting)[1]
+    score, pose = _clearest(shape, poses, viewers, wanted, lighting)
+    if score == 0.0 and not drawn:
+        raise NoViewError(f"{shape.label}: view {view} cannot be shown at {distance_mm:.0f} mm")
+    return pose
 
 
 def _poses(towards: Array, world_from_cyclopean: Array, distance_mm: float) -> list[Array]:

@@ -50,7 +50,7 @@ class Controller:
         """The typed lines, the newest last, run or refused; for tests."""
         manners = machine.manners
         self._newline = manners.newline.encode("ascii")
-        self._terminal = ControllerTerminal(manners.line_editing, manners.line_ends, self._newline)
+        self._terminal = ControllerTerminal(manners)
         self._typed_s = float("-inf")
         self._second_prompts = 0
         self._ahead: deque[TypedLine] = deque(maxlen=TYPE_AHEAD_LINES)
@@ -155,6 +155,7 @@ class Controller:
             self._print_prompt()
 
     def _take_line(self, line: TypedLine) -> None:
+        manners = self.machine.manners
         self.lines.append(line.text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
@@ -167,9 +168,9 @@ class Controller:
             self._answer(line)
         elif self._running is None:
             self._carry_out(line)
-        elif monitor.stops(line.text, self.machine.manners):
+        elif monitor.means(line.text, "ABORT" if manners.stops_at_once else "PANIC", manners):
             self.abort(line.text.strip(), line.theirs)
-        elif monitor.is_abort(line.text, self.machine.manners):
+        elif monitor.means(line.text, "ABORT", manners):
             self._ahead.clear()
         else:
             self._ahead.append(line)

@@ -42,17 +42,8 @@ def run(machine: Machine, text: str) -> Command:
         yield from carry_out(machine, line, MONITOR_COMMANDS)
 
 
-def is_abort(text: str, manners: Manners) -> bool:
-    """Whether a line is ABORT, abbreviated or not."""
-    return _means(text, "ABORT", manners)
-
-
-def stops(text: str, manners: Manners) -> bool:
-    """Whether a line brakes the arm at once."""
-    return _means(text, "ABORT" if manners.stops_at_once else "PANIC", manners)
-
-
-def _means(text: str, word: str, manners: Manners) -> bool:
+def means(text: str, word: str, manners: Manners) -> bool:
+    """Whether a typed line is the word, abbreviated or not."""
     typed = text.strip() if manners.upper_only else text.strip().upper()
     return typed == word or (manners.abbreviations and len(typed) >= 2 and word.startswith(typed))
 

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Literal
+
+from drivers.simcell.controller.manners import Manners
 
 CANCEL_LINE, INTERRUPT = 0x15, 0x03
 RUBOUTS = (0x08, 0x7F)
@@ -30,13 +31,9 @@ class LineKey(Enum):
 class ControllerTerminal:
     """Line editing with rubout, control-U, control-C."""
 
-    def __init__(
-        self, editing: bool = True, ends: Literal["cr", "lf", "both"] = "cr", newline: bytes = b"\r\n"
-    ) -> None:
-        """editing: whether control characters edit; otherwise they are part of the line. ends: see
-        Manners.line_ends."""
-        self._editing, self._newline = editing, newline
-        self._ends = {"cr": (CARRIAGE_RETURN,), "lf": (LINE_FEED,), "both": (CARRIAGE_RETURN, LINE_FEED)}[ends]
+    def __init__(self, manners: Manners) -> None:
+        self._editing, self._newline = manners.line_editing, manners.newline.encode("ascii")
+        self._ends = {"cr": (CARRIAGE_RETURN,), "lf": (LINE_FEED,), "both": LINE_ENDS}[manners.line_ends]
         self._before = 0
         self._typed = bytearray()
         self._too_long = False

@@ -8,7 +8,7 @@ import pytest
 from daemon.store import folders
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import apply, rigid, turn
-from drivers.simcell.stand import VIEWS, NoViewError, characteristic_pose
+from drivers.simcell.stand import VIEWS, NoViewError, teaching_pose
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
@@ -19,7 +19,7 @@ def test_the_stand_shows_both_cameras_just_the_facets_of_the_characteristic_view
     shape = part_shape(label)
     world_from_cyclopean = rigid(turn([1, 0.1, 0], 2.9), [480.0, 20.0, 100.0])
     cameras = [camera.lens().cyclopean_from_camera[:3, 3] for camera in (TRUTH.left, TRUTH.right)]
-    pose = characteristic_pose(label, view, world_from_cyclopean, cameras, TRUTH.lighting)
+    pose = teaching_pose(part_shape(label), view, world_from_cyclopean, cameras, TRUTH.lighting)
     normals = shape.hull.normals @ pose[:3, :3].T
     for camera in cameras:
         to_camera = apply(world_from_cyclopean, camera) - apply(pose, np.zeros(3))
@@ -31,7 +31,7 @@ def test_the_stand_shows_both_cameras_just_the_facets_of_the_characteristic_view
 
 def test_a_view_that_does_not_exist_is_refused_by_number() -> None:
     with pytest.raises(NoViewError, match="numbered 0 to 0, not 1"):
-        characteristic_pose("cube", 1, np.eye(4), [np.zeros(3)], TRUTH.lighting)
+        teaching_pose(part_shape("cube"), 1, np.eye(4), [np.zeros(3)], TRUTH.lighting)
 
 
 @pytest.mark.parametrize("turned_deg", range(0, 180, 30))
@@ -43,7 +43,7 @@ def test_no_edge_lies_along_the_line_between_the_cameras_from_where_no_distance_
     shape, lean = part_shape(label), turn([1, 0, 0], np.radians(135.0))
     world_from_cyclopean = rigid(turn([0, 0, 1], np.radians(turned_deg)) @ lean, [236.7, -150.0, 331.0])
     cameras = [camera.lens().cyclopean_from_camera[:3, 3] for camera in (TRUTH.left, TRUTH.right)]
-    pose = characteristic_pose(label, view, world_from_cyclopean, cameras, TRUTH.lighting)
+    pose = teaching_pose(part_shape(label), view, world_from_cyclopean, cameras, TRUTH.lighting)
     ends = apply(pose, shape.hull.vertices) @ world_from_cyclopean[:3, :2]  # right and down, as the cameras have it
     sight = world_from_cyclopean[:3, 2]
     for face, normal in zip(shape.hull.faces, shape.hull.normals @ pose[:3, :3].T, strict=True):
