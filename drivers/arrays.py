@@ -1,4 +1,4 @@
-"""The one name for arrays of numbers: shape, unit and frame are said where it is used."""
+"""The one name for arrays of numbers; whoever uses it states shape, unit and frame."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -121,7 +121,7 @@ def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
 
 
 def below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
-    """Refuse a move of which any part of the arm's body would come below the table."""
+    """Refuse a move that would bring any section of the gripper, or of what it holds, below the table."""
     body = hand_of(limits)
     ends = frames.apply(command.world_from_tool, body.ends_mm)
     gaps = body.above_floor_mm(ends[None], limits.table_z_mm, limits.clearance_mm)[0]

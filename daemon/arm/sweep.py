@@ -284,7 +284,7 @@ def joint_rates(jacobians: Array, speeds_mm: Array) -> Array:
 def most_turned(rates: Array, interval: Array, fastest: Array, change: Array) -> Array:
     """(N - 1, 3) rad: bounds of the rotation of joints 1 to 3 between two samples. rates (N, 3): their speeds at the
     samples, for the whole path; interval (N - 1,): its shares. Each (N - 1,) rad: fastest, which no joint exceeds in
-    the interval; change, by how much they can get faster in all of it: the nearer sample is at most half of it away."""
+    the interval; change, their greatest increase in all of it: the nearer sample is at most half of it away."""
     at_ends = np.maximum(rates[:-1], rates[1:]) * interval[:, None]
     return np.minimum(at_ends + change[:, None] / 2, fastest[:, None])
 

@@ -25,7 +25,7 @@ Rows = Sequence[Sequence[float]]
 
 
 SIMULATED = "simulated"
-"""Method of a calibration that was made for the simulated cell, as it is installed."""
+"""Method of the calibration that is installed for the simulated cell."""
 
 
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):

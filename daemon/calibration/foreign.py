@@ -92,7 +92,7 @@ def read_foreign(
 
 
 def _of_one_camera(files: int) -> str:
-    """The message for OpenCV's file of one camera, of which so many were named."""
+    """The message for OpenCV's file of one camera; files: how many files were named."""
     what = "OpenCV FileStorage of one camera (its matrix and distortion)"
     if files > 1:
         what += ", and no file says how the two cameras lie to each other (R and T of a stereo pair)"

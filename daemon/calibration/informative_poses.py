@@ -41,10 +41,6 @@ class Setup:
     arm: ArmError
     cameras: int = 2
 
-    def lever(self) -> Array:
-        """(3, 6): how a part's place moves with the mounting."""
-        return np.asarray(frames.point_motion((self.at_mm - self.mounting[:3, 3])[None])[0])
-
 
 def information(setup: Setup, world_from_tools: Sequence[Array] | Array) -> tuple[Array, Array]:
     """(K, 12, 12) information of a view from each pose about mounting and rest, the arm's error of that pose free; (K,)
@@ -78,7 +74,7 @@ def error_mm(setup: Setup, total: Array) -> Array:
     """(...) rms error of a part's place in mm that information (..., 12, 12) leaves, on top of a hand-eye by ruler."""
     by_ruler = np.diag(np.tile(np.repeat(np.reciprocal(RULER) ** 2, 3), 2))
     covariance = np.linalg.inv(total + by_ruler)[..., :6, :6]
-    lever = setup.lever()
+    lever = frames.point_motion((setup.at_mm - setup.mounting[:3, 3])[None])[0]  # (3, 6): of a part's place
     return np.asarray(np.sqrt(np.einsum("il,...lm,im->...", lever, covariance, lever)))
 
 

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class ThreadedCameras:
-    """A StereoCamera whose blocking calls run in a thread, one after the other."""
+    """A StereoCamera (drivers/camera/pair.py) whose blocking calls run in a thread, one after the other."""
 
     def __init__(
         self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic, alone: CameraName | None = None
@@ -34,17 +34,14 @@ class ThreadedCameras:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="cameras")
 
     async def open(self) -> None:
-        """Open the cameras. Raises CameraError."""
         await self._call(self.camera.open)
 
     async def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The newest pair exposed entirely after not_before_s. Raises CameraError."""
         pair = await self._call(lambda: self.camera.grab(not_before_s, timeout_s))
         self.heard_s = self._clock()
         return pair
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
-        """See StereoCamera. Raises CameraError."""
         return await self._call(lambda: self.camera.expose(left, right))
 
     async def use(self, alone: CameraName | None) -> None:
@@ -74,7 +71,7 @@ class ThreadedCameras:
 
 
 class RepeatedPairs(RecordedCamera):
-    """Recorded pairs of which each is repeated, as if taken now, until `step`."""
+    """Recorded pairs; each is repeated, as if taken now, until `step`."""
 
     _shown: StereoPair | None = None
     _shown_count = 0

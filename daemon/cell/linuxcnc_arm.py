@@ -129,7 +129,6 @@ class LinuxcncArm:
         await self._shell.close()
 
     async def check(self) -> None:
-        """Check that LinuxCNC answers. Raises CellError."""
         await self.where()
 
     def _unsee_the_stop(self) -> None:

@@ -22,9 +22,8 @@ class KnownControl:
 
 
 KNOWN = {
-    "exposure_us": KnownControl(
-        0x009A0902, 100.0, 0x009A0901, 1, 3
-    ),  # EXPOSURE_ABSOLUTE; EXPOSURE_AUTO manual, aperture first
+    # EXPOSURE_ABSOLUTE; EXPOSURE_AUTO manual, aperture first
+    "exposure_us": KnownControl(0x009A0902, 100.0, 0x009A0901, 1, 3),
     "gain": KnownControl(0x00980913, 1.0, 0x00980912, 0, 1),
     "white_balance_k": KnownControl(0x0098091A, 1.0, 0x0098090C, 0, 1),
     "focus": KnownControl(0x009A090A, 1.0, 0x009A090C, 0, 1),

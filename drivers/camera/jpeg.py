@@ -230,10 +230,8 @@ def _walk(
     for unit in range(units):
         for plane, dc, ac, most in plan:
             entry = dc[windows[at]]
-            if at >= bits or entry == NO_CODE:
-                raise JpegError(_short(at, bits, unit, units))
             size = entry >> 8
-            if size > LARGEST_DC_BITS:
+            if at >= bits or entry == NO_CODE or size > LARGEST_DC_BITS:
                 raise JpegError(_short(at, bits, unit, units))
             if size:
                 amplitude = windows[at + (entry & 255) - size] >> (16 - size)
@@ -243,10 +241,8 @@ def _walk(
             at += entry & 255
             k = 1
             while k < BLOCK:
-                if at >= bits:
-                    raise JpegError(_short(at, bits, unit, units))
                 entry = ac[windows[at]]
-                if entry == NO_CODE:
+                if at >= bits or entry == NO_CODE:
                     raise JpegError(_short(at, bits, unit, units))
                 at += entry & 255
                 value = entry >> 8

@@ -36,7 +36,7 @@ class PixelEncoding:
 
 FORMATS = {
     "GREY": PixelEncoding("GREY", 1),
-    "Y16": PixelEncoding("Y16", 2, luma=1),  # little-endian 16 bit, of which the upper eight are used
+    "Y16": PixelEncoding("Y16", 2, luma=1),  # little-endian 16 bit; only the upper eight are used
     "YUYV": PixelEncoding("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) is the camera's
     "NV12": PixelEncoding("NV12", 1),
     "MJPEG": PixelEncoding("MJPG", 0),
@@ -59,7 +59,7 @@ def _mjpeg(data: bytes, layout: Layout) -> Image:
 
 
 def without_padding(data: bytes) -> bytes:
-    """A complete JPEG without zeros before its end mark, for each of which libjpeg prints a line to stderr."""
+    """A complete JPEG without zeros before its end mark: libjpeg prints a line to stderr for each of them."""
     scan = data[:-2].rstrip(b"\x00")
     stuffing = data[len(scan) : len(scan) + 1] if scan.endswith(b"\xff") and len(scan) < len(data) - 2 else b""
     return scan + stuffing + data[-2:]

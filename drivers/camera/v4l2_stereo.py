@@ -56,23 +56,19 @@ class V4L2StereoCamera:
         self._streams = tuple(started)
 
     def close(self) -> None:
-        """Release the devices; safe to call twice."""
         started, self._streams = self._streams, ()
         for camera in started:
             camera.stop()
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The newest pair exposed entirely after not_before_s, skew within max_skew_ms.
-
-        Opens the devices where they are closed. Raises CameraError where they cannot be opened, are lost, or give no
-        such pair within timeout_s; the devices are closed then.
-        """
+        """See StereoCamera; skew within max_skew_ms. Opens the devices where they are closed. They are closed after any
+        CameraError."""
         deadline_s = self._clock() + timeout_s
         try:
             self.open()
             for camera in self._streams:
                 camera.hold(self._settings)
-            pair = self._await_pair(self._streams, not_before_s, deadline_s, timeout_s)
+            pair = self._await_pair(not_before_s, deadline_s, timeout_s)
             for camera in self._streams:
                 camera.release(self._settings)
             return pair
@@ -87,29 +83,25 @@ class V4L2StereoCamera:
         took = [camera.brighten(factor) for camera, factor in zip(self._streams, (left, right), strict=False)]
         return None if None in took else (took[0] or 1.0, took[-1] or 1.0)
 
-    def _await_pair(
-        self, streams: tuple[CameraStream, ...], not_before_s: float, deadline_s: float, timeout_s: float
-    ) -> StereoPair:
-        seen = [camera.waiting() for camera in streams]
+    def _await_pair(self, not_before_s: float, deadline_s: float, timeout_s: float) -> StereoPair:
+        seen = [camera.waiting() for camera in self._streams]
         woken = False
         while True:
-            came = [camera.take() for camera in streams]
+            came = [camera.take() for camera in self._streams]
             for frames, new in zip(seen, came, strict=True):
                 frames += new
                 del frames[:-KEEP]
-            pair = self._choose(streams, seen, not_before_s)
+            pair = self._choose(seen, not_before_s)
             if pair:
                 return pair
             remaining_s = deadline_s - self._clock()
             if woken and not any(came):  # do not spin where a driver reports readiness without a frame
                 self._system.wait([], min(remaining_s, 0.005))
-            woken = remaining_s > 0 and self._system.wait([camera.node for camera in streams], remaining_s)
+            woken = remaining_s > 0 and self._system.wait([camera.node for camera in self._streams], remaining_s)
             if not woken:
-                raise CameraError(self._why(streams, seen, not_before_s, timeout_s))
+                raise CameraError(self._why(seen, not_before_s, timeout_s))
 
-    def _choose(
-        self, streams: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float
-    ) -> StereoPair | None:
+    def _choose(self, seen: list[list[RawFrame]], not_before_s: float) -> StereoPair | None:
         """The best pair of the frames; with one camera its frame twice. Frames that cannot be decoded are counted and
         dropped."""
         while True:
@@ -118,7 +110,7 @@ class V4L2StereoCamera:
             if chosen is None:
                 return None
             frames = []
-            for camera, raws, k in zip(streams, seen, chosen, strict=False):
+            for camera, raws, k in zip(self._streams, seen, chosen, strict=False):
                 try:
                     frames.append(Frame(raws[k].image(), raws[k].exposure.middle_s, raws[k].sequence))
                 except DamagedFrameError as damage:
@@ -127,12 +119,11 @@ class V4L2StereoCamera:
                     camera.tally.last_damage = str(damage)
                     del raws[k]
                     break
-            if len(frames) == len(streams):
+            if len(frames) == len(self._streams):
                 return StereoPair(frames[0], frames[-1])
 
-    def _why(
-        self, streams: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float
-    ) -> str:
+    def _why(self, seen: list[list[RawFrame]], not_before_s: float, timeout_s: float) -> str:
+        streams = self._streams
         left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
         silent_since_s = self._clock() - SILENT_PERIODS * max(camera.period_s for camera in streams)
         names = streams[0].name, streams[-1].name

@@ -30,8 +30,8 @@ def drawn_shape(
     """The shape with these (K, 3) corners and flat facets, anticlockwise from outside. Raises DrawnError.
 
     The plane of every facet with corners beyond it cuts the hull. Pieces inside the solid are kept, and joined again
-    where two are convex together. surface: of the part as it is, in the same frame; it rests on nothing that is round
-    there, and its centre of mass is that of this surface.
+    where two are convex together. surface: the part's true one, in the same frame; the part rests on nothing that
+    is round there, and its centre of mass is that of this surface.
     """
     if len(corners_mm) > MOST_CORNERS:
         raise DrawnError(f"{len(corners_mm)} corners; the simulated cell shows parts of at most {MOST_CORNERS}")

@@ -1,7 +1,7 @@
-"""Simulated suction cup: whether a lip is tight on a part, and whether the vacuum holds it as it is turned. Pure.
+"""Simulated suction cup: whether a lip is tight on a part, and whether the vacuum holds it in each orientation. Pure.
 
 Tool frame: the lip's middle at the origin, its plane across z, the part beyond it; lengths mm. Straight lines along z
-are laid through lip and cup and meet the part's true surface, with its bores and roundings.
+through lip and cup meet the part's true surface, with its bores and roundings.
 """
 
 from functools import lru_cache

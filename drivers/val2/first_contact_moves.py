@@ -93,7 +93,7 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
                     continue
                 return turned < STEP_DEG - OFF_DEG, there, answer.prompt_s
             if any(f"JOINT {FIRST_JOINT}" in error.upper() for error in errors):
-                continue  # it stands near that end of its range: the other way
+                continue  # it is near that end of its range: try the other way
             if all("illegal command" in error.lower() for error in errors):
                 # What was typed before was taken: a character was lost, on the way there or on the way to the stop.
                 known.pace_s, misread, here = CAREFUL_S, True, there

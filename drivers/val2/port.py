@@ -63,7 +63,7 @@ class SerialPort:
         self._check = self._loop.call_later(CHECK_SETTINGS_S, self._check_settings)
 
     def write(self, data: bytes) -> None:
-        """Send all of data. Raises PortError; Disturbed, where somebody changed the port's settings."""
+        """See Port. Raises Disturbed, too, where somebody changed the port's settings."""
         if not self._serial.is_open:
             raise PortError(f"{self._path}: the port is closed")
         if (changed := self._restore_settings()) is not None:
@@ -79,11 +79,8 @@ class SerialPort:
             raise PortError(f"{self._path}: the line takes no more bytes ({written} of {len(data)} went out)")
 
     def overtake(self) -> None:
-        """Make the next bytes go out at once: discard unsent bytes, and release a line that XOFF holds.
-
-        One damaged bit turns a 3 or an S into XOFF, and then no XON follows. The kernel releases such a line only
-        after a request to hold it.
-        """
+        """See Port. One damaged bit turns a 3 or an S into XOFF, and then no XON follows. The kernel releases such a
+        line only after a request to hold it."""
         self._restore_settings()
         with contextlib.suppress(serial.SerialException, termios.error):  # the next write reports a port that is gone
             handle = self._serial.fileno()
@@ -92,8 +89,8 @@ class SerialPort:
             termios.tcflow(handle, termios.TCOON)
 
     def close(self) -> None:
-        """Close the port; may be called twice. Unsent bytes are discarded: on a held line the kernel would wait for
-        them for half a minute, and block the daemon."""
+        """See Port. Unsent bytes are discarded: on a held line the kernel would wait for them for half a minute, and
+        block the daemon."""
         if self._serial.is_open:
             self._check.cancel()
             self.overtake()

@@ -53,7 +53,7 @@ class LineSession:
         permission: SendPermission,
     ) -> None:
         """Open the port. Raises PortError. Needs a running event loop. switched_on: called when the controller asks a
-        power-up question, whoever has the turn; disturbed: called when somebody else's typing is detected; permission:
+        power-up question, in anybody's turn; disturbed: called when somebody else's typing is detected; permission:
         checked at each try before a line that moves is ended."""
         self._permission = permission
         self.path, self.dialect, self.clock = path, dialect, clock

@@ -2,7 +2,7 @@
 
 A dot (or several: some systems print two, and some prompt behind prompt) is a prompt only at the start of a line *and*
 followed by silence, a question mark (or the choice behind it) a question only at the end of one and followed by
-silence. Silence is not in the bytes: whoever owns the clock calls `silence()` when it has lasted.
+silence. Silence is not in the bytes: the owner of the clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
     LINE     bytes, CR or LF                lines -> Text, Error, WhereTable (the lines of WHERE, in either form)

@@ -52,7 +52,6 @@ class PtyServer:
 
     @contextlib.contextmanager
     def controller(self) -> Iterator[Controller]:
-        """Context: the controller at the present moment, locked, to read or change it."""
         with self._lock:
             self._controller.tick(self.now_s())
             yield self._controller
