@@ -23,12 +23,11 @@ READY_RAD = np.radians([0.0, 90.0, -90.0, 0.0, 0.0, 0.0])
 """Arm straight up."""
 NEST_RAD = np.radians([0.0, 130.0, -205.0, 0.0, -60.0, 0.0])
 """Arm folded over the shoulder."""
-
-
-def _standard_limits() -> Array:
-    return np.radians(
-        [[-160, 160], [90 - 110, 90 + 110], [-90 - 135, -90 + 135], [-266, 266], [-100, 100], [-266, 266]]
-    )
+LIMITS_RAD = np.radians(
+    [[-160, 160], [90 - 110, 90 + 110], [-90 - 135, -90 + 135], [-266, 266], [-100, 100], [-266, 266]]
+)
+"""(6, 2): lowest and highest angles of a PUMA 560."""
+LIMITS_RAD.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class ArmGeometry:
     world_from_base: Array = field(default_factory=lambda: np.eye(4))
     flange_from_tool: Array = field(default_factory=lambda: np.eye(4))
     controller_flange: Array = field(default_factory=lambda: np.eye(4))
-    limits_rad: Array = field(default_factory=_standard_limits)
+    limits_rad: Array = field(default_factory=lambda: LIMITS_RAD)
 
     @property
     def lengths_mm(self) -> tuple[float, float, float, float]:

@@ -45,6 +45,11 @@ RANGE_MIDDLE_RAD, RANGE_HALF_RAD = np.radians([0.0, 90.0, -90.0]), np.radians([1
 """Ranges of joints 1 to 3 of a PUMA, in our angles: the 560's data sheet; other types differ by some degrees."""
 SIGNIFICANT_MM = 1.0
 """A length between axes that is significantly more than this is not zero."""
+CONVENTIONS = tuple(
+    Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
+    for one, two, against in product((1.0, -1.0), (1.0, -1.0), (False, True))
+)
+"""The conventions that describe different geometries."""
 LENGTHS = ("a2", "a3", "d3", "d4")
 ANGLES = 5
 ANGLE_LIKE = np.array(["zero" in name or "turn" in name for name in NAMES])
@@ -138,7 +143,7 @@ def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, fl
     best: list[_Model] = []
     for start_count in STARTS:
         if not best:
-            fits = (_fit_convention(convention, start_count, readings) for convention in _conventions())
+            fits = (_fit_convention(convention, start_count, readings) for convention in CONVENTIONS)
             best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
     if not best:
         raise NoArmError("no arm with a PUMA's wrist fits these readings: their orientations fit no such joints")
@@ -211,12 +216,6 @@ def poses(estimate: ArmEstimate, printed_deg: Array) -> Array:
 
 
 # Start values
-
-
-def _conventions() -> Iterator[Convention]:
-    """The conventions that describe different geometries."""
-    for one, two, against in product((1.0, -1.0), (1.0, -1.0), (False, True)):
-        yield Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
 
 
 def _starts(convention: Convention, start_count: int, readings: _Readings) -> Iterator[Array]:

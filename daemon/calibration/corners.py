@@ -66,7 +66,7 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
         drawn = [_drawn(h, at, reach, drawing) for h, at in zip(local_mappings(fitted, squares), squares, strict=True)]
         added_variance = np.zeros(len(fitted))
         for k, one in enumerate(drawn):
-            model = _model(_blurred(one.samples, blur))
+            model = _model(one.samples, blur)
             for _ in range(STEPS):
                 fitted[k], misfit[k], added_variance[k] = _step(grey, model, one.inside, fitted[k], corners_px[k], rim)
         before, blur = blur, float(np.clip(np.sqrt(max(blur**2 + np.median(added_variance), 0.0)), *BLUR_PX))
@@ -117,14 +117,10 @@ def _through(homography: Array, points: Array) -> Array:
     return np.asarray(mapped[:, :2] / mapped[:, 2:], float)
 
 
-def _blurred(samples: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
-    """The drawing as imaged by a pixel (a box) behind a lens (a Gaussian)."""
-    seen = cv2.GaussianBlur(cv2.blur(samples, (PARTS, PARTS)), (0, 0), blur_px * PARTS)
-    return np.asarray(seen, np.float32)
-
-
-def _model(drawn: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(S, S, 4) of a blurred drawing (S, S): itself, its slopes a pixel along x and y, its second derivative."""
+def _model(samples: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
+    """(S, S, 4) of a drawing (S, S) as a pixel (a box) behind a lens (a Gaussian) images it: itself, its slopes a pixel
+    along x and y, its second derivative."""
+    drawn = cv2.GaussianBlur(cv2.blur(samples, (PARTS, PARTS)), (0, 0), blur_px * PARTS)
     slopes = (cv2.Sobel(drawn, cv2.CV_32F, *order, ksize=1) * (PARTS / 2) for order in ((1, 0), (0, 1)))
     return np.asarray(np.dstack([drawn, *slopes, cv2.Laplacian(drawn, cv2.CV_32F) * PARTS**2]), np.float32)
 

@@ -105,7 +105,12 @@ def _import(args: argparse.Namespace) -> int:
     found = read_foreign(files, _size(args.size), _unit_mm(args.unit), args.swap)
     print(f"{', '.join(map(str, files))}: read as {found.kind}")
     before = calibration_before(args.out)
-    calibration = _hand_eye_added(found, before, args.out) if found.rig is None else _of_rig(found.rig, before)
+    if found.rig is None:
+        calibration = _hand_eye_added(found, before, args.out)
+    else:
+        calibration = Calibration(found.rig, None, Quality(method="imported"))
+        if before is not None and before.hand_eye is not None:
+            print("the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next")
     for wrong in implausible_rig(calibration.rig):
         raise InterchangeError(f"{', '.join(map(str, files))}: not written: {wrong.problem}")
     for side, off_px in zip(("left", "right"), found.refit_px, strict=True):
@@ -123,13 +128,6 @@ def _import(args: argparse.Namespace) -> int:
         f"baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else "")
     )
     return 0
-
-
-def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:
-    """Return the calibration with this rig and without the old hand-eye, which is of another cyclopean frame."""
-    if before is not None and before.hand_eye is not None:
-        print("the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next")
-    return Calibration(rig, None, Quality(method="imported"))
 
 
 def _hand_eye_added(found: ImportedGeometry, before: Calibration | None, path: Path) -> Calibration:

@@ -27,11 +27,6 @@ class Solution:
     covariance: Array
     residuals: Array
 
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of one residual, with the degrees of freedom."""
-        return float(np.sqrt((self.residuals**2).sum() / max(len(self.residuals) - len(self.parameters), 1)))
-
 
 class UndeterminedError(Exception):
     """The observations do not determine the parameters; the message says how many directions are undetermined."""
@@ -44,7 +39,8 @@ def solve(problem: Problem, start: Array, passes: int = 60) -> Solution:
     Source: Levenberg-Marquardt with Marquardt's scaling; covariance sigma^2 (J^T J)^-1 at the minimum.
     """
     parameters, residuals, jacobian = minimise(problem, start, passes)
-    return Solution(parameters, _covariance(jacobian, residuals), residuals)
+    variance = float(residuals @ residuals) / max(len(residuals) - len(parameters), 1)
+    return Solution(parameters, inverse_of_normal(jacobian.T @ jacobian) * variance, residuals)
 
 
 def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, Array, Array]:
@@ -68,11 +64,6 @@ def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, A
         if gain <= 1e-10 * cost:
             break
     return parameters, residuals, jacobian
-
-
-def _covariance(jacobian: Array, residuals: Array) -> Array:
-    freedom = max(len(residuals) - jacobian.shape[1], 1)
-    return np.asarray(inverse_of_normal(jacobian.T @ jacobian) * (float(residuals @ residuals) / freedom))
 
 
 def inverse_of_normal(normal: Array) -> Array:

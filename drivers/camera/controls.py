@@ -56,7 +56,6 @@ class Control:
     minimum: int
     maximum: int
     step: int
-    default: int
     value: int | None
     writable: bool
     menu: Mapping[int, str] = field(default_factory=dict)
@@ -95,9 +94,9 @@ def _value(node: v4l2.Node, entry: v4l2.QueryControl) -> int | None:
 
 
 def _describe(node: v4l2.Node, entry: v4l2.QueryControl, menu: Mapping[int, str]) -> Control:
-    limits = (entry.minimum, entry.maximum, entry.step, entry.default_value)
     writable = not entry.flags & v4l2.CONTROL_READ_ONLY
-    return Control(entry.id, _name(entry.name), *limits, _value(node, entry), writable, menu)
+    value = _value(node, entry)
+    return Control(entry.id, _name(entry.name), entry.minimum, entry.maximum, entry.step, value, writable, menu)
 
 
 def list_controls(node: v4l2.Node) -> list[Control]:

@@ -219,7 +219,9 @@ class MotionMonitor:
                 self._others_moved_s = event.began_s
             return
         if isinstance(event, StopRecord):
-            if not (self.stop_tried.at(event.began_s) or self._made_by_noise(event)):
+            # On a faulty line another character may turn into control-C, but not into a whole command.
+            noise = event.by == CONTROL_C and not self.line.at(event.began_s)
+            if not (self.stop_tried.at(event.began_s) or noise):
                 self.stop_received(event.began_s, event.by)
         elif isinstance(event, DropRecord):
             yield from self._dropped(event)
@@ -230,11 +232,6 @@ class MotionMonitor:
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
-
-    def _made_by_noise(self, stop: StopRecord) -> bool:
-        """Whether a stop may be noise: on a faulty line another character may turn into control-C, but not into a
-        whole command."""
-        return stop.by == CONTROL_C and not self.line.at(stop.began_s)
 
     def _ways(self, leg: MotionRecord, over: bool) -> Iterator[Violation]:
         """Check speed and length of a motion as commanded and, once it is over, its path."""

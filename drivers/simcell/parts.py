@@ -154,17 +154,13 @@ def _tetrahedron() -> PartShape:
     return shape("tetrahedron", np.vstack([base, [[0.0, 0.0, side * np.sqrt(2.0 / 3.0)]]]))
 
 
-def _l_block() -> PartShape:
-    return shape("l_block", box((0, 0, 0), (60, 25, 40)), box((0, 25, 0), (25, 50, 40)))
-
-
 _MAKERS: dict[str, Callable[[], PartShape]] = {
     "cube": lambda: shape("cube", box((0, 0, 0), (50, 50, 50))),
     "pyramid": _pyramid,
     "triangular_prism": lambda: shape("triangular_prism", prism(3, 50.0, 70.0)),
     "pentagonal_prism": lambda: shape("pentagonal_prism", prism(5, 32.0, 70.0)),
     "hexagonal_prism": lambda: shape("hexagonal_prism", prism(6, 26.0, 60.0)),
-    "l_block": _l_block,
+    "l_block": lambda: shape("l_block", box((0, 0, 0), (60, 25, 40)), box((0, 25, 0), (25, 50, 40))),
     "tetrahedron": _tetrahedron,
 }
 TAUGHT = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")

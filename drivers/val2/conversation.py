@@ -158,7 +158,11 @@ class Conversation:
     def others_of(self, events: Sequence[LineEvent]) -> list[str]:
         """The text of those events, and of incomplete input, that answer no line of facetd's. If facetd's line end has
         two characters, the second one is answered by another prompt."""
-        heard = [_as_text(event) for event in events if not isinstance(event, Error | ControllerQuestion)]
+        heard = [
+            A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
+            for event in events
+            if not isinstance(event, Error | ControllerQuestion)
+        ]
         if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
             del heard[0]
         half_come = self._reader.pending.removeprefix(self._stood).strip(b"\x00\x07\x7f\r\n .")
@@ -381,10 +385,6 @@ class Conversation:
         """Raise the error that the conversation ended with, if it has ended."""
         if self._over is not None:
             raise self._over
-
-
-def _as_text(event: LineEvent) -> str:
-    return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
 
 
 def answer_from(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:

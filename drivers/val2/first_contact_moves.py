@@ -172,17 +172,13 @@ def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early
 
 def _typed(known: ContactFindings, text: str) -> Steps:
     """Type characters without a line end, and check their echo if the controller echoes. Raises UnclearError."""
+    most_s = 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)  # enough for the characters and their echo
     for _ in range(3):
-        heard: Heard = yield Exchange(text.encode(), 0.1, _typing_s(known, text), known.pace_s)
+        heard: Heard = yield Exchange(text.encode(), 0.1, most_s, known.pace_s)
         if not known.findings["echo"].value or heard.data.endswith(text.encode()):
             return
         yield from ask(known, POISON.decode())
     raise UnclearError(f"{text!r} came back as {heard.data!r}, three times, and was not ended: noise on the line?")
-
-
-def _typing_s(known: ContactFindings, text: str) -> float:
-    """A time long enough for the characters and their echo, s."""
-    return 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)
 
 
 def _moved(known: ContactFindings, text: str) -> Generator[Step, Any, ProbeAnswer]:

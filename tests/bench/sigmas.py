@@ -175,7 +175,8 @@ def _laid(points: Array, views: Sequence[tuple[Camera, Array]], start: Array, no
 
     found = solve(problem, pose_of(start), passes=20)
     slope = motion_by_parameters(found.parameters)
-    covariance = found.covariance / found.sigma**2
+    freedom = len(found.residuals) - len(found.parameters)
+    covariance = found.covariance / (np.sum(found.residuals**2) / freedom)
     return transform_of(found.parameters), slope @ covariance @ slope.T
 
 
