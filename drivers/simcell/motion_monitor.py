@@ -82,7 +82,7 @@ class Timeline:
         here = bisect_right(self._times, moment_s)
         return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k]), float("-inf"))
 
-    def said_within(self, start_s: float, end_s: float, value: float) -> float | None:
+    def set_within(self, start_s: float, end_s: float, value: float) -> float | None:
         """When a value was first set after start_s, up to end_s; None: not in that time."""
         within = range(bisect_right(self._times, start_s), bisect_right(self._times, end_s))
         return next((self._times[k] for k in within if self._values[k] == value), None)
@@ -246,7 +246,7 @@ class MotionMonitor:
         """Check for a motion that began while motion was forbidden, or after a stop and before the next enable."""
         what = "the arm set out" if isinstance(event, MotionRecord) else "the hand was driven"
         lifted_s = self.may_move.true_before(event.began_s)
-        withdrawn_s = self.may_move.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
+        withdrawn_s = self.may_move.set_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
         if not (self.may_move.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
             yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
         self._stops = [stop for stop in self._stops if stop[0] >= lifted_s]
@@ -262,12 +262,14 @@ class MotionMonitor:
         given_s = event.given_s
         held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self.held, self.each_asked))
         if self.held.at(given_s) and given_s > held_s and self.line.at(given_s) and self.line.at(held_s - TYPED_S):
-            yield Violation("while held", event.began_s, event.by, f"{given_s - held_s + TYPED_S:.1f} s after it was")
+            yield Violation(
+                "while held", event.began_s, event.by, f"typed {given_s - held_s + TYPED_S:.1f} s after moves were held"
+            )
         if self.each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:
             self._acts = [act for act in self._acts if act[0] > asked_s] + [(given_s, event.by)]
-            said = sum(asked_s - TYPED_S < yes_s <= given_s for yes_s in self._yeses)
-            if len(self._acts) > said:
-                text = f"the motion {len(self._acts)} of which each waits for a yes; {said} were said"
+            confirmed = sum(asked_s - TYPED_S < yes_s <= given_s for yes_s in self._yeses)
+            if len(self._acts) > confirmed:
+                text = f"motion {len(self._acts)}, but only {confirmed} were confirmed"
                 yield Violation("not asked", event.began_s, event.by, text)
 
     def _too_late(self, leg: MotionRecord) -> Iterator[Violation]:
@@ -277,8 +279,8 @@ class MotionMonitor:
         reasons += [
             (e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, StopRecord)
         ]
-        withdrawn_s = self.may_move.said_within(leg.began_s, ends_s, False)
-        reasons += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
+        withdrawn_s = self.may_move.set_within(leg.began_s, ends_s, False)
+        reasons += [] if withdrawn_s is None else [(withdrawn_s, "the permission was withdrawn")]
         at_s, why = min(((self._heard_s(at_s), why) for at_s, why in reasons), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
@@ -288,7 +290,7 @@ class MotionMonitor:
         ends_s = leg.motion.ends_s
         for at_s, text in self._said_to_rest:
             if leg.began_s < at_s < ends_s - LAST_MOMENTS_S:
-                yield Violation("said to rest", at_s, leg.by, f"`{text}` was said {ends_s - at_s:.3f} s before it was")
+                yield Violation("said to rest", at_s, leg.by, f"`{text}` {ends_s - at_s:.3f} s before it was")
         self._said_to_rest = [said for said in self._said_to_rest if said[0] > ends_s]
 
     def _out_of_reach(self, event: MotionRecord | GripperRecord, forbidden_s: float | None) -> bool:
@@ -300,7 +302,7 @@ class MotionMonitor:
         """When a stop at that moment could first reach the controller."""
         if self.line.at(at_s):
             return at_s
-        again_s = self.line.said_within(at_s, float("inf"), True)
+        again_s = self.line.set_within(at_s, float("inf"), True)
         return float("inf") if again_s is None else again_s
 
     def _too_much(self, leg: MotionRecord) -> Iterator[Violation]:
@@ -407,7 +409,7 @@ class MotionMonitor:
         permitted = drop.over_bin or self.may_drop.at(drop.began_s)
         if not permitted and drop.fell_mm > self._safety.drop_mm:
             yield Violation(
-                "dropped", drop.began_s, drop.by, f"{drop.label} let go {drop.fell_mm:.1f} mm above the table"
+                "dropped", drop.began_s, drop.by, f"{drop.label} dropped {drop.fell_mm:.1f} mm above the table"
             )
 
 

@@ -84,10 +84,6 @@ class _Face:
     turning: Array32 | None = None
     flat: bool = False
 
-    @property
-    def group(self) -> int:
-        return MOST_FACES * self.body + self.index
-
     def normals(self, rays: Array32) -> Array32:
         """Outward normals, camera coordinates, where (N, 2) rays meet the face: (3,), or (N, 3) of a curved one."""
         if self.turning is None:
@@ -272,7 +268,7 @@ def _sort_pixels(
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Classify pixels by the faces at their corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge
     inside)."""
-    groups = np.array([*(face.group for face in faces), NOTHING], np.int32)
+    groups = np.array([*(MOST_FACES * face.body + face.index for face in faces), NOTHING], np.int32)
     kind = groups[which] * 2
     for number, face in enumerate(faces):
         if face.pattern is not None:

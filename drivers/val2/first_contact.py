@@ -121,7 +121,7 @@ def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
             "between asterisks. Is this a VAL controller's terminal line?"
         )
     known.found("errors", answer.errors[0], f"the answer to {POISON.decode()!r}")
-    known.found("prompt", answer.prompt, "what stood behind the answer, alone on its line")
+    known.found("prompt", answer.prompt, "what came behind the answer, alone on its line")
     known.found("prompt_late_s", round(answer.late_s, 2), "seconds between the answer and its prompt")
     known.found("resync_s", round(max(1.0, 2.0 * answer.late_s + 0.5), 1), "twice that, and some", "likely")
     breaks = answer.raw.replace(POISON, b"").strip(b" .")
