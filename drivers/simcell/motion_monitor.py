@@ -262,9 +262,8 @@ class MotionMonitor:
         given_s = event.given_s
         held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self.held, self.each_asked))
         if self.held.at(given_s) and given_s > held_s and self.line.at(given_s) and self.line.at(held_s - TYPED_S):
-            yield Violation(
-                "while held", event.began_s, event.by, f"typed {given_s - held_s + TYPED_S:.1f} s after moves were held"
-            )
+            text = f"typed {given_s - held_s + TYPED_S:.1f} s after moves were held"
+            yield Violation("while held", event.began_s, event.by, text)
         if self.each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:
             self._acts = [act for act in self._acts if act[0] > asked_s] + [(given_s, event.by)]
             confirmed = sum(asked_s - TYPED_S < yes_s <= given_s for yes_s in self._yeses)
