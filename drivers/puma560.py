@@ -13,6 +13,7 @@ from math import atan2, ceil, cos, hypot, pi, sin
 
 import numpy as np
 
+from drivers import rigid
 from drivers.arrays import Array
 
 TWISTS_RAD = (pi / 2, 0.0, -pi / 2, pi / 2, -pi / 2, 0.0)
@@ -67,17 +68,17 @@ class ArmGeometry:
     @cached_property
     def base_from_world(self) -> Array:
         """(4, 4) mm."""
-        return _undo(self.world_from_base)
+        return rigid.inverse(self.world_from_base)
 
     @cached_property
     def tool_from_flange(self) -> Array:
         """(4, 4) mm."""
-        return _undo(self.flange_from_tool)
+        return rigid.inverse(self.flange_from_tool)
 
     @property
     def tool_for_controller(self) -> Array:
         """(4, 4) mm: the tool as the controller's TOOL has it."""
-        return _undo(self.controller_flange) @ self.flange_from_tool
+        return rigid.inverse(self.controller_flange) @ self.flange_from_tool
 
 
 PUMA560 = ArmGeometry()
@@ -288,14 +289,6 @@ def _within(joint: int, angle: float, near: float, lowest: float, highest: float
     if not turns:
         raise UnreachableError(f"joint {joint + 1} out of range", joint + 1)
     return min(turns, key=lambda turn: abs(turn - near))
-
-
-def _undo(b_from_a: Array) -> Array:
-    """a_from_b of a rigid (4, 4) transform."""
-    a_from_b = np.eye(4)
-    a_from_b[:3, :3] = b_from_a[:3, :3].T
-    a_from_b[:3, 3] = -b_from_a[:3, :3].T @ b_from_a[:3, 3]
-    return a_from_b
 
 
 def _rotation_z(angle: float) -> Array:

@@ -25,7 +25,7 @@ from drivers.puma560 import (
     joint_out_of_limits,
     wrist_is_singular,
 )
-from drivers.simcell.rigid import axis_and_angle, rigid, turn
+from drivers.rigid import axis_and_angle, rigid, turn
 
 JOINT_SPEED_RAD_S = np.radians([82.0, 74.0, 122.0, 228.0, 241.0, 228.0])
 JOINT_ACCELERATION_RAD_S2 = JOINT_SPEED_RAD_S / 0.25

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import rigid
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import rigid
 from drivers.simcell.textures import Pattern
 
 WHITE, BLACK = 0.85, 0.06

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.arrays import Array
 from drivers.camera.pair import CameraError, CameraName, Frame, StereoPair
+from drivers.rigid import angle_of, apply
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
 from drivers.simcell.render import PixelRays, RenderedSolid, radiance
-from drivers.simcell.rigid import angle_of, apply
 from drivers.simcell.truth import Truth
 
 SIDES = ("left", "right")

@@ -18,6 +18,7 @@ from msgspec import structs
 
 from drivers.arrays import Array
 from drivers.puma560 import forward
+from drivers.rigid import apply, rigid
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
@@ -27,7 +28,6 @@ from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, Moti
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid, rendered
-from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.stand import DISTANCE_MM, teaching_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.parts import ConvexSolid, PartShape, box, hull
-from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.surface import DrawnSurface
 from drivers.simcell.truth import GripperTruth, Rod
 

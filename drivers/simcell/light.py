@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import apply, rigid
 from drivers.simcell.optics import Array32
-from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
 from drivers.simcell.textures import table_factors
 from drivers.simcell.truth import Lighting, TableTruth

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivers.arrays import Array
 from drivers.puma560 import ArmGeometry, elbow_mm, forward
+from drivers.rigid import inverse
 from drivers.simcell.arm import Motion
 from drivers.simcell.history import (
     CONTROL_C,
@@ -26,7 +27,6 @@ from drivers.simcell.history import (
     ReleaseRecord,
     StopRecord,
 )
-from drivers.simcell.rigid import inverse
 from drivers.simcell.truth import Box, Rod, Safety, TableTruth
 
 APART_MM = 5.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.arrays import Array
-from drivers.simcell.rigid import apply, inverse
+from drivers.rigid import apply, inverse
 
 Array32 = NDArray[np.float32]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
-from drivers.simcell.rigid import rigid, turn, turn_between
+from drivers.rigid import rigid, turn, turn_between
 from drivers.simcell.surface import DrawnSurface
 
 FLAT_MM = 1e-6

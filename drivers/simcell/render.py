@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import apply, inverse
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, LensCamera
 from drivers.simcell.parts import ConvexSolid, PartShape
-from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.surface import DrawnSurface
 from drivers.simcell.textures import Pattern
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import apply, inverse, rigid
 from drivers.simcell.optics import Array32
-from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.truth import Lamp
 
 TEXEL_MM = 1.0

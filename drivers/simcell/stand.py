@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import apply, rigid, turn, turn_between
 from drivers.simcell.light import facet_levels
 from drivers.simcell.parts import ConvexSolid, PartShape
-from drivers.simcell.rigid import apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
 VIEWS: dict[str, tuple[tuple[int, ...], ...]] = {

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import apply
 from drivers.simcell.gripper import PALM_MM, Grip, within
 from drivers.simcell.parts import ConvexSolid, PartShape, box, hull, prism, volume_and_centre
-from drivers.simcell.rigid import apply
 from drivers.simcell.truth import Rod, SuctionTruth
 
 LIP_POINTS, SIDES = 48, 12

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.arrays import Array
+from drivers.rigid import rigid
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import ConvexSolid
-from drivers.simcell.rigid import rigid
 
 TableKind = Literal["plain", "patterned"]
 PartsKind = Literal["plain", "printed"]

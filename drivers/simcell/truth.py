@@ -13,9 +13,9 @@ from msgspec import Meta, structs
 
 from drivers.arrays import Array
 from drivers.puma560 import NEST_RAD, PUMA560, ArmGeometry
+from drivers.rigid import apply, inverse
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.optics import LensCamera
-from drivers.simcell.rigid import apply, inverse
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import angle_of, apply, rigid
 from drivers.simcell.controller import Machine
 from drivers.simcell.history import MotionRecord
 from drivers.simcell.parts import hull
-from drivers.simcell.rigid import angle_of, apply, rigid
 from drivers.simcell.truth import Truth
 from drivers.simcell.world import Closing, World
 

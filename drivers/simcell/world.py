@@ -11,9 +11,9 @@ from threading import RLock
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import apply, inverse, rigid, turn
 from drivers.simcell.gripper import Grip, close_on, reaches, strikes
 from drivers.simcell.parts import PartShape, part_shape
-from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.suction import cup_strikes, holds, suck
 from drivers.simcell.truth import SuctionTruth, Truth
 

@@ -10,6 +10,7 @@ from math import atan2, cos, degrees, hypot, radians, sin
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import angle_of
 
 SINGULAR_COS_A = 1e-10
 
@@ -77,7 +78,4 @@ def apart(first: Location, second: Location) -> tuple[float, float]:
     Compared as matrices, because near A = +-90 very different O and T mean the same orientation.
     """
     a, b = matrix_from_location(first), matrix_from_location(second)
-    turn = a[:3, :3].T @ b[:3, :3]
-    skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    angle = atan2(float(np.linalg.norm(skew)) / 2, (float(np.trace(turn)) - 1) / 2)
-    return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), degrees(angle)
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), degrees(angle_of(a[:3, :3].T @ b[:3, :3]))

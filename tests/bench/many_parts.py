@@ -28,9 +28,9 @@ from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model
 from daemon.vision.values import Scene as Seen
 from drivers.camera.pair import StereoPair
+from drivers.rigid import inverse, rigid, turn
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import inverse, rigid, turn
 from drivers.simcell.truth import Truth, load_truth
 from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.simulated_looks import true_rig

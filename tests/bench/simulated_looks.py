@@ -17,10 +17,10 @@ from daemon.vision.facets.one_look.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import FacetView
 from drivers.camera.pair import StereoPair
+from drivers.rigid import apply, inverse
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.parts import TAUGHT
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.truth import Truth, load_truth
 from drivers.simcell.world import World
 from tests.fakes.photographed import ETC, pose_above

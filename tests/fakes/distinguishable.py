@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
+from drivers.rigid import apply, inverse, rigid
 from drivers.simcell.optics import LensCamera
 from drivers.simcell.parts import ConvexSolid, PartShape
-from drivers.simcell.rigid import apply, inverse, rigid
 from tests.fakes.photographed import cell
 
 Flags = NDArray[np.bool_]

@@ -6,7 +6,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.store import folders
-from drivers.simcell.rigid import rigid, turn
+from drivers.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
+from drivers.rigid import apply, inverse, rigid
 from drivers.simcell.parts import ConvexSolid, PartShape, shape
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import CELL_MM, Pattern
 from drivers.simcell.world import World
 from tests.fakes.distinguishable import TELLS_MM, hides, telling_mm

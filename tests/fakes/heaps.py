@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.parts import ConvexSolid as Hull
 from drivers.simcell.parts import PartShape
-from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.world import World
 
 GAP_MM = 0.05

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
+from drivers.rigid import apply, inverse, rigid, turn
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.parts import ConvexSolid, PartShape
 from drivers.simcell.render import RenderedSolid, rendered
-from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.textures import Pattern, printed_faces
 from drivers.simcell.truth import Truth, load_truth
 

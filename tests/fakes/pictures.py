@@ -7,10 +7,10 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.store import folders
+from drivers.rigid import apply, inverse, rigid, turn
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, LensCamera
 from drivers.simcell.render import PixelRays, RenderedSolid, radiance
-from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Lamp, Lighting, TableTruth, load_truth
 
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")

@@ -60,11 +60,11 @@ from daemon.store import model as models
 from daemon.store import runlog
 from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model, learn_view
+from drivers.rigid import rigid, turn
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
-from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.rigid import rigid, turn
 from drivers.simcell.controller.commands import (
     Ask,
     Command,
@@ -23,7 +24,6 @@ from drivers.simcell.controller.expressions import SYNTAX_ERROR, MonitorError, n
 from drivers.simcell.controller.instructions import INSTRUCTIONS
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.rigid import rigid, turn
 from drivers.val2.location import Location, location_from_matrix, matrix_from_location
 
 LOCATION_HEADER = "".join(f"{name:>10}" for name in "XYZOAT")

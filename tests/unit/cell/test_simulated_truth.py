@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from daemon.cell.simulated_operator import SimulatedOperator
+from drivers.rigid import rigid, turn
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.drawn import drawn_shape
-from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
 from tests.fakes.drawn import prism
 from tests.fakes.simulated_cell import CONFIG

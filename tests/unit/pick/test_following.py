@@ -41,9 +41,9 @@ from daemon.vision.model import symmetries
 from daemon.vision.refine import Fit
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part, Recognition
+from drivers.rigid import rigid, turn
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
-from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
 from tests.bench.machined import drawn
 from tests.fakes.chosen import few

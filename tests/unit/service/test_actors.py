@@ -37,7 +37,7 @@ from daemon.pick.world import PickContext, WorldModel, travel
 from daemon.store.named_positions import NamedPositions
 from daemon.store.runlog import RunLog
 from drivers.puma560 import ArmGeometry
-from drivers.simcell.rigid import rigid
+from drivers.rigid import rigid
 from drivers.simcell.world import PartPlace
 from drivers.val2 import commands, conversation
 from drivers.val2.conversation import ControllerAnswer

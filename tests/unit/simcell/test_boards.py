@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.boards import BoardPrint, rendered_board
-from drivers.simcell.rigid import apply, rigid, turn
 from tests.fakes.pictures import TRUTH, looking, picture, projected
 
 

@@ -11,11 +11,11 @@ from daemon.arrays import Array
 from daemon.store import folders
 from drivers.camera.pair import CameraError
 from drivers.puma560 import READY_RAD, configuration_of
+from drivers.rigid import rigid, turn
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")

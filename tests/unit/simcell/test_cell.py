@@ -13,8 +13,8 @@ import yaml
 
 from daemon.arrays import Array
 from daemon.store import folders
+from drivers.rigid import apply, inverse, rigid
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.truth import TruthError, load_truth
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.rigid import turn
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.drawn import DrawnError, drawn_shape
 from drivers.simcell.parts import volume_and_centre
-from drivers.simcell.rigid import turn
 from tests.fakes import drawn
 
 BRACKET = [(0, 0), (60, 0), (60, 8), (12, 8), (8, 12), (8, 60), (0, 60)]

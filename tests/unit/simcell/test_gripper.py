@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
+from drivers.rigid import apply, inverse, rigid, turn
 from drivers.simcell.gripper import Grip, close_on, finger_rods, fingers
 from drivers.simcell.parts import PartShape, part_shape
-from drivers.simcell.rigid import apply, inverse, rigid, turn
 from tests.bench import machined
 from tests.fakes.drawn import obj, prism
 from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
+from drivers.rigid import rigid, turn
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
-from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 from tests.fakes.simulated_time import SimulatedLoop
 

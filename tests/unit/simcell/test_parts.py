@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivers.rigid import apply
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
-from drivers.simcell.rigid import apply
 
 
 @pytest.mark.parametrize("label", [*TAUGHT, *STRANGERS])

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import apply, rigid, turn
 from tests.fakes.pictures import STARK, TRUTH, looking, picture, projected
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from drivers.rigid import apply, rigid
 from drivers.simcell.light import CellLight
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import PixelRays, RenderedSolid
-from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.truth import Lighting
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 

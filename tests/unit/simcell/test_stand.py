@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daemon.store import folders
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.parts import part_shape
-from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.stand import VIEWS, NoViewError, teaching_pose
 from drivers.simcell.truth import load_truth
 

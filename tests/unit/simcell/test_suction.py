@@ -10,8 +10,8 @@ from daemon import frames
 from daemon.pick.grippers.suction import SuctionCup
 from daemon.store import folders
 from daemon.vision.geometry import exact
+from drivers.rigid import rigid
 from drivers.simcell.parts import TAUGHT, part_shape
-from drivers.simcell.rigid import rigid
 from drivers.simcell.suction import cup_strikes, holds, suck
 from drivers.simcell.truth import load_truth
 from tests.fakes.holed import holed_pair

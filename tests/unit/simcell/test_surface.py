@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import PartShape
 from drivers.simcell.render import rendered
-from drivers.simcell.rigid import apply, rigid, turn
 from tests.fakes import drawn
 from tests.fakes.machined import drawing, shown_shape
 from tests.fakes.pictures import STARK, TRUTH, looking, picture, projected

@@ -10,12 +10,12 @@ from msgspec import structs
 
 from daemon.arrays import Array
 from daemon.store import folders
+from drivers.rigid import apply, inverse, rigid
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import PixelRays, RenderedSolid, radiance
-from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import Pattern, printed_faces, table_factors
 from drivers.simcell.world import PartPlace
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected

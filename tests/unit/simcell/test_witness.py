@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from daemon.store import folders
+from drivers.rigid import apply, rigid, turn
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Machine
-from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.truth import load_truth
 from drivers.simcell.witness import Witness, pose_error
 from drivers.simcell.world import World

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivers.rigid import apply, inverse, rigid, turn
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
-from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.world import PartPlace, World, settle
 from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daemon.vision.geometry import Polyhedron
+from drivers.rigid import rigid
 from drivers.simcell.parts import box, shape
-from drivers.simcell.rigid import rigid
 from tests.bench.look_alikes import answers, shown
 from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.drawn import solid

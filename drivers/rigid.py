@@ -1,7 +1,4 @@
-"""Rigid transforms of the simulated cell: 4x4 matrices `b_from_a`, mm and radians.
-
-The daemon has its own, since drivers never import the daemon.
-"""
+"""Rigid transforms of the drivers: 4x4 matrices `b_from_a`, mm and radians. The daemon has its own."""
 
 import numpy as np
 from numpy.typing import ArrayLike
