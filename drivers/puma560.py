@@ -206,11 +206,6 @@ def solutions(
             continue
 
 
-def reachable(world_from_tool: Array, configuration: Configuration | None = None, arm: ArmGeometry = PUMA560) -> bool:
-    """Whether the tool gets there, in the given configuration or (None) in any."""
-    return any(configuration in (None, found) for found, _ in solutions(world_from_tool, arm))
-
-
 def configuration_of(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Configuration:
     """The configuration an arm at (6,) joint angles is in."""
     q2, q3 = joints_rad[1], joints_rad[2]

@@ -54,12 +54,11 @@ def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, 
 
 def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
     """Whether two pairs show the same scene from the same place."""
-    for a, b in ((before.left, after.left), (before.right, after.right)):
-        largest, typical = change(a.pixels, b.pixels)
-        noise = min(typical, settling.most_noise_grey)
-        if largest > max(settling.floor_grey, settling.still_noise * noise):
-            return False
-    return True
+    changes = (change(a.pixels, b.pixels) for a, b in ((before.left, after.left), (before.right, after.right)))
+    return all(
+        largest <= max(settling.floor_grey, settling.still_noise * min(typical, settling.most_noise_grey))
+        for largest, typical in changes
+    )
 
 
 async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> SettledPair:

@@ -393,9 +393,7 @@ def _subdivide(shares: Array, parts: NDArray[np.intp]) -> tuple[Array, NDArray[n
 def _merge(old: Array, found: Array, new: NDArray[np.bool_]) -> Array:
     """(N, P): the found rows at the new samples, the old rows at the others."""
     values = np.empty((len(new), found.shape[1]))
-    values[new] = found
-    if not new.all():
-        values[~new] = old
+    values[new], values[~new] = found, old
     return values
 
 

@@ -60,20 +60,15 @@ def viewpoints_around(
 def choose_spread(poses: Sequence[Array], count: int, allowed: Callable[[Array], bool], first: Array) -> list[Array]:
     """Farthest-point sampling over translation and rotation: at most `count` allowed poses, each the farthest from
     `first` and all chosen before. Calls `allowed` only for a pose that it would choose next."""
-    remaining = list(poses)
-    gaps = np.array([_gap(p, first) for p in remaining])
-    chosen: list[Array] = []
+    remaining, chosen = list(poses), list[Array]()
+    gaps = [_gap(p, first) for p in remaining]
     while remaining and len(chosen) < count:
         k = int(np.argmax(gaps))
-        pose = remaining[k]
-        if not allowed(pose):
-            del remaining[k]
-            gaps = np.delete(gaps, k)
-            continue
-        chosen.append(pose)
-        gaps = np.minimum(gaps, [_gap(p, pose) for p in remaining])
-        del remaining[k]
-        gaps = np.delete(gaps, k)
+        pose = remaining.pop(k)
+        del gaps[k]
+        if allowed(pose):
+            chosen.append(pose)
+            gaps = [min(gap, _gap(p, pose)) for gap, p in zip(gaps, remaining, strict=True)]
     return chosen
 
 

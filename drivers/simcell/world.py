@@ -6,6 +6,7 @@ Poses only; the caller passes the pose of the tool.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import count
 from threading import RLock
 
 import numpy as np
@@ -21,6 +22,8 @@ FLOOR_BELOW_TABLE_MM = 700.0
 GRIPPER_REACH_MM = 130.0
 LIFTED_MM = 1.0
 """Lower than this a part still leans on the table."""
+GAP_MM = 30.0
+"""Least distance of scattered parts where there is space for it."""
 EQUAL_MM = 0.01
 """Centres of mass of poses that look the same are as high as each other, but for rounding."""
 TOUCH_MM = 0.1
@@ -131,16 +134,12 @@ class World:
         foot = rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm])
         return self.put(label, foot @ self.shape(label).rests[rest])
 
-    def scatter(
-        self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0, steady: bool = False
-    ) -> None:
+    def scatter(self, labels: Sequence[str], rng: np.random.Generator, steady: bool = False) -> None:
         """Scatter new parts over the table: on random stable faces (steady: on those that leave the centre of mass
-        lowest), at least gap_mm apart, or as far as there is space."""
-        while True:
-            spots = self._free_spots([_reach_mm(self.shape(label)) for label in labels], rng, gap_mm)
-            if spots is not None:
-                break
-            gap_mm -= 5.0
+        lowest), at least GAP_MM apart, or as far as there is space."""
+        reaches_mm = [_reach_mm(self.shape(label)) for label in labels]
+        tries = (self._free_spots(reaches_mm, rng, gap_mm) for gap_mm in count(GAP_MM, -5.0))
+        spots = next(spots for spots in tries if spots is not None)
         for label, (x, y) in zip(labels, spots, strict=True):
             shape = self.shape(label)
             rests = steadiest(shape) if steady else range(len(shape.rests))

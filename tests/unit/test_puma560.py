@@ -23,7 +23,6 @@ from drivers.puma560 import (
     inverse,
     joint_out_of_limits,
     link_frames,
-    reachable,
     solutions,
     wrist_is_singular,
 )
@@ -158,7 +157,7 @@ def test_the_poses_it_knows_by_name_are_within_its_limits(pose: Array) -> None:
 def test_a_place_out_of_reach_is_called_so(place: list[float], why: str) -> None:
     pose = np.eye(4)
     pose[:3, 3] = place
-    assert not reachable(pose)
+    assert not list(solutions(pose))
     with pytest.raises(UnreachableError, match=why) as refusal:
         inverse(pose, Configuration(), UNLIMITED)
     assert refusal.value.joint is None
