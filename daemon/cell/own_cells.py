@@ -12,9 +12,9 @@ from daemon.cell.sections import (
     arm_geometry,
     camera_settings,
     check_cameras,
-    check_dialect_and_tool,
     check_tool,
     dialect,
+    each_of,
     puma_arm,
 )
 from daemon.cell.val2_arm import Val2Arm
@@ -28,11 +28,6 @@ def v4l2_cameras(config: Config, clock: Callable[[], float]) -> ThreadedCameras:
     return ThreadedCameras(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
 
 
-def _check_real(config: Config) -> None:
-    check_dialect_and_tool(config)
-    check_cameras(config)
-
-
 def _real(config: Config, given: Surroundings) -> Hardware:
     port = config.values.arm.port
     link = Link(port, dialect(config), given.clock, given.on_wire)
@@ -42,12 +37,6 @@ def _real(config: Config, given: Surroundings) -> Hardware:
 
 def _linuxcnc_settings(config: Config) -> LinuxcncSettings:
     return config.document.convert(LinuxcncSettings, at=("backend",))
-
-
-def _check_linuxcnc(config: Config) -> None:
-    _linuxcnc_settings(config)
-    check_tool(config)
-    check_cameras(config)
 
 
 def _linuxcnc(config: Config, given: Surroundings) -> Hardware:
@@ -63,6 +52,6 @@ def _recorded(config: Config, given: Surroundings) -> Hardware:
     return Hardware("recorded", NoArm(given.beliefs, arm_geometry(config)), cameras, given.clock, str(folder))
 
 
-REAL = CellBackend(_check_real, puma_arm, _real)
-LINUXCNC = CellBackend(_check_linuxcnc, puma_arm, _linuxcnc)
-RECORDED = CellBackend(check_dialect_and_tool, puma_arm, _recorded)
+REAL = CellBackend(each_of(dialect, check_tool, check_cameras), puma_arm, _real)
+LINUXCNC = CellBackend(each_of(_linuxcnc_settings, check_tool, check_cameras), puma_arm, _linuxcnc)
+RECORDED = CellBackend(each_of(dialect, check_tool), puma_arm, _recorded)

@@ -3,7 +3,7 @@
 In: Config. Out: the drivers' settings, or a ConfigError that names file, line and key. Opens no device.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -63,10 +63,14 @@ def _check_geometry(config: Config, arm: ArmModel) -> None:
         raise config.document.error(_keys_of_gripper(config, wrong.keys), wrong.problem)
 
 
-def check_dialect_and_tool(config: Config) -> None:
-    """Check what a PUMA behind VAL II has: its dialect, its geometry, its tool. Raises ConfigError."""
-    dialect(config)
-    check_tool(config)
+def each_of(*checks: Callable[[Config], object]) -> Callable[[Config], None]:
+    """One check of a configuration made of several, for a CellBackend. It raises the first ConfigError."""
+
+    def check_all(config: Config) -> None:
+        for one in checks:
+            one(config)
+
+    return check_all
 
 
 def check_tool(config: Config) -> None:

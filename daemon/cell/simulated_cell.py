@@ -5,17 +5,12 @@ import random
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
-from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, dialect, puma_arm, truth
+from daemon.cell.sections import alone, arm_geometry, check_tool, dialect, each_of, puma_arm, truth
 from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.cell.val2_arm import Val2Arm
 from daemon.config import Config, kind_of
 from drivers.simcell.cell import SimulatedCell
 from drivers.val2.link import Link
-
-
-def _check(config: Config) -> None:
-    check_dialect_and_tool(config)
-    truth(config)
 
 
 def _build(config: Config, given: Surroundings) -> Hardware:
@@ -36,4 +31,4 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     return Hardware("simulated", robot, cameras, given.clock, cell.port, seed, operator)
 
 
-SIMULATED = CellBackend(_check, puma_arm, _build)
+SIMULATED = CellBackend(each_of(dialect, check_tool, truth), puma_arm, _build)
