@@ -1,4 +1,4 @@
-"""A PUMA's geometry: joint angles <-> where the tool is. Pure functions on arrays; no controller, no motion.
+"""A PUMA's forward and inverse kinematics. Pure functions on arrays; no controller, no motion.
 
 Joint angles are those of the standard Denavit-Hartenberg table of ArmGeometry (the robotics toolbox's), in rad; lengths
 in mm, those of the arm given; without one it is a PUMA 560.
@@ -33,7 +33,7 @@ LIMITS_RAD.setflags(write=False)
 
 @dataclass(frozen=True, eq=False)
 class ArmGeometry:
-    """One arm: its lengths, what it stands on, what it holds, how far its joints turn.
+    """The geometry of one arm: lengths, base, tool, joint limits.
 
     a2_mm, a3_mm: upper arm, and how far the forearm's axis passes the elbow's. d3_mm: the shoulder's offset (to the
     right of an arm that reaches forward; negative: to the left). d4_mm: forearm. Where not given, a PUMA 560's.

@@ -167,8 +167,7 @@ PERHAPS_HELD = "what may be in the gripper"
 
 
 def held_anyhow(parts_mm: Iterable[Array], back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:
-    """A capsule that encloses any one of the parts, corners (N, 3) each, in whatever pose it is gripped; None without
-    parts.
+    """A capsule that encloses any one of the parts, corners (N, 3) each, however it is gripped; None without parts.
 
     The gripper touches a part within half of width_mm of a line from back_mm behind the tool centre point to tip_mm
     before it. No point of the part is farther from that contact than the part's greatest length.

@@ -50,7 +50,7 @@ class Kinematics(Protocol):
 
 
 class ArmModel(Kinematics, Protocol):
-    """The model of an arm: what is known of it without a controller line."""
+    """The model of an arm: kinematics, reach and collision shapes, without a controller line."""
 
     def ways(self, world_from_tool: Array) -> Sequence[Array]:
         """Joints (6,) rad of every configuration that brings the tool there within the joint limits."""

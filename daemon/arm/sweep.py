@@ -414,7 +414,7 @@ def _worst(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack:
 
 
 def places_clear(joints_rad: Array, robot: Kinematics, limits: Limits) -> Flags:
-    """(N,): whether the whole arm keeps every limit at (N, 6) joints, whatever it violates where it is now."""
+    """(N,): whether the whole arm keeps every limit at (N, 6) joints, also where it violates one now."""
     body = body_of(limits.capsules, limits.body_mm)
     return np.asarray((gaps_of(robot.frames(joints_rad), body, limits).values_mm >= 0.0).all(axis=1))
 

@@ -330,7 +330,7 @@ def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
 
 
 def _canonical(model: _Model, readings: _Readings) -> _Model:
-    """Choose of the equivalent descriptions of a geometry that of our table: a2 and d4 forward, a3 not negative (or,
+    """Choose our table's description among the equivalent ones of a geometry: a2 and d4 forward, a3 not negative (or,
     where it is zero, joint 1 counted from the front), the tool ahead of the wrist, joint 4 within a quarter turn."""
     x, signs = model.parameters.copy(), list(model.convention.signs)
     if x[8] < 0:  # the forearm is counted backward

@@ -78,7 +78,7 @@ def board_pdf(board: Board, paper: str) -> bytes:
 
 
 def black_mm(board: Board) -> Array:
-    """(N, 4) what is black: x, y of the upper left corner from that of the board, y down, width, height; mm."""
+    """(N, 4) mm, the black rectangles: x, y of the upper left corner from the board's, y down; width, height."""
     return board.square_mm * np.array([*_black_squares(board)])
 
 

@@ -177,7 +177,7 @@ def _around(view: BoardView, board: Board, calibration: Calibration) -> list[Arr
 
 
 def _tool_at(look: Array, view: BoardView, calibration: Calibration) -> Array:
-    """world_from_tool for cameras at looks (..., 4, 4), or for the board in the gripper as it is before fixed ones."""
+    """world_from_tool that puts the cameras at looks (..., 4, 4) or, before fixed cameras, the board in the gripper."""
     here = calibration.world_from_cyclopean_at(view.world_from_tool)
     if calibration.fixed:
         return np.asarray(here @ frames.inverse(look) @ view.world_from_tool)
@@ -216,8 +216,8 @@ def best_further_view(
 
 
 def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration, arm: ArmError) -> Setup:
-    """Return the setup that further poses are rated by: the hand-eye of the calibration, the board where the last view
-    shows it, and parts as far away as the board."""
+    """The setup by which further poses are rated: the calibration's hand-eye, the board where the last view shows it,
+    and parts as far away as the board."""
     assert calibration.hand_eye is not None
     away_mm = float(np.median([cyclopean_from_board(sample_of(v, board), calibration.rig)[2, 3] for v in views]))
     return Setup(

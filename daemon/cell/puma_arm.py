@@ -1,4 +1,4 @@
-"""A PUMA as data: how it moves, how far it gets, what of it may strike something."""
+"""The model of a PUMA: kinematics, reach, collision shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

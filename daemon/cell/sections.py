@@ -323,7 +323,7 @@ def _tool_from(config: Config, flange_from_other: Matrix4 | Array) -> Array:
 
 
 def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmModel) -> str | None:
-    """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
+    """The section of the arm that fixed cameras see while it waits at pick.home; None where they see none, or home is
     out of reach."""
     capsules = guarded(config, arm).capsules
     body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())

@@ -98,8 +98,8 @@ class Val2Arm:
         return self._reading(await self.link.still(REST_S))
 
     async def check(self) -> str | None:
-        """Check that the controller answers; a stop meanwhile counts as an answer, and so does a WHERE that is refused
-        until CAL: what it says then. Raises LinkError."""
+        """Check that the controller answers. A stop meanwhile counts as an answer, and so does a refusal of WHERE until
+        CAL, which is returned as text. Raises LinkError."""
         try:
             await self.where()
         except ControllerError as refused:
@@ -267,7 +267,7 @@ class Val2Arm:
                 self.beliefs.void(VoidingEvent.OPERATOR_TYPED)
 
     async def _rest(self, within_s: float | None = None) -> None:
-        """Wait until two readings agree, whatever they are. Raises NoAnswer."""
+        """Wait until two readings agree, at any place. Raises NoAnswer."""
         await self.link.still(within_s or self.link.dialect.motion_s, any_place=True)
         self._heard()
 

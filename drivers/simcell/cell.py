@@ -161,7 +161,7 @@ class SimulatedCell:
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def _body(self) -> ArmSpheres:
-        """The arm with what is on it."""
+        """The body of the arm and of its mounted gripper."""
         settings, cup = self._settings, self._settings.suction
         gripper = finger_rods(settings.gripper) if cup is None else cup_rods(cup)
         return ArmSpheres([*settings.safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
@@ -288,8 +288,8 @@ class SimulatedCell:
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
     def switch_input(self, number: int, high: bool) -> None:
-        """Switch a digital input of the controller, as the line does; the vacuum switch's input as a person does who
-        closes the cup with a hand."""
+        """Switch a digital input of the controller, as the production line does; at the vacuum switch's input: close
+        the cup with a hand, as a person would."""
         cup = self._both.suction
         with self.server.controller() as controller:
             if cup is not None and number == cup.switch_input:

@@ -158,7 +158,7 @@ def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> Bit
 
 
 def _clip_surface(surface: DrawnSurface, tool_from_part: Array, region: ConvexSolid) -> Bite:
-    """The corners of what of a surface is in a convex region, with the normals that it truly has there."""
+    """The part of a surface inside a convex region: its corners, with the surface's true normals there."""
     points = apply(tool_from_part, surface.corners_mm)[surface.triangles]
     beyond: Array = points @ region.normals.T - region.offsets
     outside: NDArray[np.bool_] = beyond > 0.0
@@ -209,7 +209,7 @@ def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: Bite, up: Array
 
 
 def _meet_round(bite: Bite, turns: NDArray[np.bool_]) -> bool:
-    """Whether each jaw, on its way in, meets what is round (N,) first, and opposite the other."""
+    """Whether each jaw first meets a round place (N,) on its way in, the two opposite each other."""
     if not turns.any():
         return False
     y, faces = bite.corners[:, 1], np.array([np.abs(normals[:, 1]).max() > FACES for normals in bite.normals])

@@ -61,7 +61,7 @@ def cup_strikes(shape: PartShape, tool_from_part: Array, cup: SuctionTruth) -> b
 
 
 def suck(shape: PartShape, tool_from_part: Array, cup: SuctionTruth) -> Grip | None:
-    """Switch the vacuum on with the lip at a part; None where the lip touches nothing of it."""
+    """Switch the vacuum on with the lip at a part; None where the lip does not touch it."""
     turn = np.linspace(0.0, 2.0 * np.pi, LIP_POINTS, endpoint=False)
     rim = cup.radius_mm * np.column_stack([np.cos(turn), np.sin(turn)])
     inner = np.vstack([share * rim[::6] for share in WITHIN])

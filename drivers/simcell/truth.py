@@ -282,8 +282,8 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return ("fingers", "suction") if self.mounted == "fingers" else ("suction", "fingers")
 
     def with_gripper(self, kind: GripperKind) -> Truth:
-        """The same with that one of the cell's grippers on the arm, and no other; what is given in the tool's frame
-        stays where it is on the wrist."""
+        """The same with one of the cell's grippers on the arm, and no other. Bodies and cameras in the tool's frame
+        keep their place on the wrist."""
         if kind not in self.grippers:
             raise ValueError(f"this cell has no {kind}")
         if kind == "fingers" or self.suction is None:

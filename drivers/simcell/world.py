@@ -71,7 +71,7 @@ class World:
     """The parts of the cell. Thread-safe."""
 
     def __init__(self, truth: Truth, on_held: Callable[[PlacedPart | None], None] = lambda held: None) -> None:
-        """on_held: called with what the gripper holds from now on, whatever changed that."""
+        """on_held: called with the part in the gripper, or None, at each change."""
         self._truth, self._on_held = truth, on_held
         self._held: PlacedPart | None = None
         """The last argument of on_held."""
@@ -188,7 +188,7 @@ class World:
             self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
     def why_lost(self, world_from_tool: Array) -> str:
-        """Why the vacuum does not hold what is lifted, with the tool there; empty where it does, or nothing is."""
+        """Why the vacuum loses the lifted part with the tool there; empty where it holds it, or nothing is lifted."""
         with self._lock:
             held, cup = self.held, self._truth.suction
             if held is None or cup is None:

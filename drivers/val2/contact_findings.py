@@ -123,7 +123,7 @@ class ContactFindings:
 
     @property
     def stop_bytes(self) -> bytes:
-        """The bytes that stop the arm, as far as is known; a half-typed line first becomes an error."""
+        """The bytes that stop the arm, as far as was found; a half-typed line first becomes an error."""
         words = [self.stop_word, *(word for word in STOP_WORDS if word != self.stop_word)]
         return b"".join(part + self.end for part in (POISON, *(word.encode() for word in words)))
 
