@@ -155,7 +155,6 @@ class Controller:
             self._print_prompt()
 
     def _take_line(self, line: TypedLine) -> None:
-        manners = self.machine.manners
         self.lines.append(line.text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
@@ -168,9 +167,9 @@ class Controller:
             self._answer(line)
         elif self._running is None:
             self._carry_out(line)
-        elif monitor.means(line.text, "ABORT" if manners.stops_at_once else "PANIC", manners):
+        elif monitor.stops(line.text, self.machine.manners):
             self.abort(line.text.strip(), line.theirs)
-        elif monitor.means(line.text, "ABORT", manners):
+        elif monitor.means(line.text, "ABORT", self.machine.manners):
             self._ahead.clear()
         else:
             self._ahead.append(line)

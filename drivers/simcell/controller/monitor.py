@@ -42,6 +42,11 @@ def run(machine: Machine, text: str) -> Command:
         yield from carry_out(machine, line, MONITOR_COMMANDS)
 
 
+def stops(text: str, manners: Manners) -> bool:
+    """Whether a line brakes the arm at once."""
+    return means(text, "ABORT" if manners.stops_at_once else "PANIC", manners)
+
+
 def means(text: str, word: str, manners: Manners) -> bool:
     """Whether a typed line is the word, abbreviated or not."""
     typed = text.strip() if manners.upper_only else text.strip().upper()
