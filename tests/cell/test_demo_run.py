@@ -21,7 +21,7 @@ from daemon.store.recovery_state import FILE, read_interrupted_state
 from tests.fakes.once import made_once
 from tests.fakes.waiting import PATIENCE_S
 
-AT_MOST_S = 300.0
+AT_MOST_S = 900.0
 """How long the demo takes on a slow and busy computer."""
 SEED = 106
 """Any will do; this one is known to pick every part."""
