@@ -178,8 +178,9 @@ class Interpreter:
     def __init__(self, context: CommandContext, commands: Iterable[ConsoleCommand]) -> None:
         self.context = context
         self.commands = {command.name: command for command in commands}
-        choices = lambda _: ("all", *self.commands)  # noqa: E731
-        self.commands["help"] = command("help [all|COMMAND]", most=1, choices=choices, aliases=("?", "h"))(self._help)
+        usage, aliases = "help [all|COMMAND]", ("?", "h")
+        helper = command(usage, most=1, choices=lambda _: ("all", *self.commands), aliases=aliases)(self._help)
+        self.commands["help"] = helper
         self._aliases = {alias: c.name for c in self.commands.values() for alias in c.aliases}
 
     async def interpret(self, text: str, frontend: Frontend) -> CommandResult:
