@@ -265,7 +265,8 @@ def _turned_over(one: RegisteredPart, search: Search) -> list[EdgeHypothesis]:
     if search.ground is not None:
         middle = frames.apply(one.pose, one.solid.centres_mm[facet, None])
         hinges = np.stack([middle, np.zeros((1, 3))], 1).repeat(len(turns), 0)
-        over = over.and_also(snapped_poses(over, hinges, search.ground.table, search.images.geometry)[0])
+        down, _ = snapped_poses(over, hinges, search.ground.table, search.images.geometry)
+        over = over.and_also(down.chosen((down.poses != over.poses).any((1, 2))))
     return [EdgeHypothesis(one.label, pose) for pose in over.poses]
 
 

@@ -21,7 +21,7 @@ from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit, solve
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.model import in_batches
-from daemon.vision.refine import turned
+from daemon.vision.refine import PRIOR, turned
 
 FLAT_MM = 1.0
 """Corners this near to a plane lie in it, as far as parts are taught."""
@@ -215,7 +215,8 @@ def snapped_where_it_lies(
 
 def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:
     """Pose (4, 4) cyclopean_from_part and covariance (6, 6) of a solid that rests on a table, if it may: both together
-    say where it is. The plane is one block of three residuals: the height of its foot, and its tilt two ways."""
+    say where it is. The plane is one block of three residuals: the height of its foot, and its tilt two ways. What no
+    edge measures stays, as in a fit by edges: a table moves nothing along itself."""
     normal, foot = nearest_resting_plane(solid, pose[:3, :3].T @ -table.up)
     down, lever = pose[:3, :3] @ normal, pose[:3, :3] @ foot
     along = np.linalg.svd(table.up[None])[2][1:]
@@ -225,8 +226,8 @@ def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: 
     off = np.array([table.level_mm - table.up @ (lever + pose[:3, 3]), *(-along @ down)])
     sure = np.array([TABLE_MM, TABLE_RAD, TABLE_RAD])
     rows, far, held = slope / sure[:, None], off / sure, np.asarray(np.linalg.inv(covariance), float)
-    found = solve(rows[None, None], far[None, None], np.ones((1, 1)), held)
+    found = solve(rows[None, None], far[None, None], np.ones((1, 1)), held + PRIOR)
     motion = found.unknowns[0]
     if found.miss[0, 0] + motion @ held @ motion > (SUNK if off[0] > 0 else LIES):
         return None
-    return frames.perturb(pose, motion), np.asarray(np.linalg.inv(found.held[0]))
+    return frames.perturb(pose, motion), np.asarray(np.linalg.inv(found.held[0] - PRIOR))

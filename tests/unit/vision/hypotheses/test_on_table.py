@@ -59,6 +59,19 @@ def test_what_stands_on_something_stays_and_nothing_sinks_in(lifted_mm: float, l
     assert (snapped_pose(TABLE, SOLID, there, SPREAD) is not None) is laid
 
 
+def test_a_table_moves_a_part_nowhere_along_what_no_edge_measures() -> None:
+    """A cover from afar was laid a hand's breadth aside: a long way along which it was free, and which rose a little,
+    cost less than to sink by two millimetres."""
+    along = np.linalg.svd(TABLE.up[None])[2][1]
+    free = np.concatenate([700.0 * (along + 0.03 * TABLE.up), np.zeros(3)])
+    there = frames.rigid(np.eye(3), -2.0 * TABLE.up) @ LIES
+    found = snapped_pose(TABLE, SOLID, there, SPREAD + np.outer(free, free))
+    assert found is not None
+    assert abs(frames.difference(found[0], there)[:3] @ along) < 15.0, "undamped 67 mm"
+    assert abs(height_and_tilt(found[0])[0]) < 0.5, "of 2 mm"
+    assert np.sqrt(along @ found[1][:3, :3] @ along) > 5.0, "the damping is no measurement"
+
+
 def model() -> Model:
     taught, rng = empty_model(load_facets()), np.random.default_rng(3)
     for direction in ((1.0, 0.1, 0.8), (-0.7, -0.9, -0.6)):
