@@ -188,5 +188,9 @@ def _figures(result: QuickResult) -> dict[str, float | None]:
     def rms(errors: Array) -> float | None:
         return round(float(np.sqrt((errors**2).mean())), 3) if len(errors) else None
 
-    names = ("formula", "compensated", "left_out", "rays")
-    return {f"{name}_rms_mm": rms(getattr(result, f"{name}_mm")) for name in names}
+    return {
+        "formula_rms_mm": rms(result.formula_mm),
+        "compensated_rms_mm": rms(result.compensated_mm),
+        "left_out_rms_mm": rms(result.left_out_mm),
+        "rays_rms_mm": rms(result.rays_mm),
+    }

@@ -263,7 +263,7 @@ def _clear(link: DaemonLink, parts: Sequence[str], records: Iterator[Record], br
         if not left or _faulted(ends):
             break
         _do(link, f"auto on {left}")
-        ended, true = _follow_auto(records, [])
+        ended, true = _follow_auto(records)
         ends, truths = ends + ended, truths | true
     tried = [end for end in ends if end["outcome"] in (*brought, "missed", "fault") and end["predicted"]]
     unknown = {"error_mm": None, "error_deg": None, "held": False}
@@ -292,17 +292,23 @@ def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo
         if not left:
             break
         _do(link, f"auto on {left}")
-        if _faulted(_follow_auto(records, seen)[0]):
+        if _faulted(_follow_auto(_kept(records, seen))[0]):
             break
     return demo_kit.kit_result(seen)
 
 
-def _follow_auto(records: Iterator[Record], seen: list[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
-    """Print the picks of an auto until it ends, add its records to `seen`; returns ends and true errors by cycle."""
+def _kept(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
+    """The records as they come; each is kept in a list."""
+    for record in records:
+        seen.append(record)
+        yield record
+
+
+def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
+    """Print the picks of an auto until it ends; returns the ends, and the true errors by cycle."""
     ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
     for record in records:
-        seen.append(record)
         match record["kind"]:
             case "cycle_start":
                 began_s = record["mono_s"]

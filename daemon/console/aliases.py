@@ -1,4 +1,7 @@
-"""Aliases: old names of commands that still work, with today's names; of recorded runs: daemon/events/upgrade.py."""
+"""Aliases: the table of old names of commands, extras, units and message keys that still work, with today's names.
+
+Old names in recorded runs are in daemon/events/upgrade.py.
+"""
 
 COMMANDS = {"eyes": "cameras", "places": "positions"}
 """Commands of the daemon."""
@@ -6,6 +9,12 @@ JOBS = {"hall": "fleet", "live": "dashboard"}
 """Subcommands of `facetctl`."""
 JOB_KINDS = {("arm", "introduce"): "identify"}
 """Arguments behind a subcommand."""
+EXTRAS = {"live": "dashboard"}
+"""Extras of the package (pyproject.toml)."""
+UNITS = {"facetd-live.service": "facetd-dashboard.service"}
+"""Units (deploy/)."""
+MESSAGE_KEYS = {"door": "frontend"}
+"""Keys of a message at the socket (frontends/socket_server.py)."""
 
 
 def aliases_of(command: str) -> tuple[str, ...]:

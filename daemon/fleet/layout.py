@@ -123,6 +123,7 @@ def _run(run: Digest) -> Row:
 
 def _cycle(cycle: Cycle, run: Digest) -> Row:
     found = causes(cycle, [c for c in run.cycles if c is not cycle])[:1]
+    set_down = next(reversed(list(set_downs_of(cycle))), None)
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
         **{name: getattr(cycle, name) for name in (*plain, "model", "calibration")},
@@ -132,7 +133,7 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
         "target": cycle.records[0].get("target"),
         "tried": cycle.tried,
         "cause": next((c.code.summary for c in found), None),
-        **next(map(_placed, reversed([*set_downs_of(cycle)])), {}),
+        **({} if set_down is None else _placed(set_down)),
     }
 
 

@@ -77,10 +77,13 @@ def _seen(look: Record) -> list[Json]:
     if pose is None:
         return []
     world_from_cyclopean = np.array(pose, float)
-    corners_mm = [[facet["corners_mm"] for facet in part.get("facets") or []] for part in parts_of(look)]
+
+    def in_world(facet: Json) -> Array:
+        return frames.apply(world_from_cyclopean, np.array(facet["corners_mm"], float))
+
     return [
-        {"label": part["label"], "facets": [frames.apply(world_from_cyclopean, np.array(one, float)) for one in each]}
-        for part, each in zip(parts_of(look), corners_mm, strict=True)
+        {"label": part["label"], "facets": [in_world(facet) for facet in part.get("facets") or []]}
+        for part in parts_of(look)
     ]
 
 

@@ -54,8 +54,12 @@ class PLCReadings:
 
 def readings(packml: PackMLState, done: bool, enabled: bool, clock_s: float, picked: int, failed: int) -> PLCReadings:
     """The values for a PLC. done: part_done is on; the second register counts seconds, which shows that facetd runs."""
-    values = packml is PackMLState.EXECUTE, done, packml is PackMLState.ABORTED, enabled
-    bits = dict(zip(DISCRETE_INPUTS, values, strict=True))
+    bits = {
+        "busy": packml is PackMLState.EXECUTE,
+        "part_done": done,
+        "fault": packml is PackMLState.ABORTED,
+        "enabled": enabled,
+    }
     return PLCReadings(bits, (STATE_NUMBERS[packml], int(clock_s) % WORD, picked % WORD, failed % WORD))
 
 

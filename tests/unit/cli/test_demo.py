@@ -23,7 +23,7 @@ def test_what_a_pick_tries_again_is_printed_and_its_outcome_once(capsys) -> None
     end = {"kind": "cycle_end", "cycle": 1, "outcome": "picked", "why": "in the bin", "mono_s": 9.0}
     begun, over = {"kind": "cycle_start", "cycle": 1, "mono_s": 2.0}, {"kind": "auto", "on": False}
     records = [begun, decided("missed", "it slipped: once more"), decided("picked", "in the bin"), end, over]
-    ends, _ = _follow_auto(iter(records), [])
+    ends, _ = _follow_auto(iter(records))
     assert [one["outcome"] for one in ends] == ["picked"]
     assert capsys.readouterr().out.splitlines() == [
         "  missed: it slipped: once more",

@@ -18,12 +18,6 @@ from daemon.frontends.socket_server import SocketMessage
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
 HOUSE = Path(__file__).resolve().parents[3]
-EXTRAS = {"live": "dashboard"}
-"""Old names of extras of the package (pyproject.toml), with today's names."""
-UNITS = {"facetd-live.service": "facetd-dashboard.service"}
-"""The same of units (deploy/)."""
-MESSAGE_KEYS = {"door": "frontend"}
-"""The same of keys of a message at the socket."""
 
 
 @pytest.mark.parametrize(("old", "now"), aliases.COMMANDS.items())
@@ -60,18 +54,18 @@ def test_an_old_job_typed_at_the_console_leads_to_the_shell(tmp_path: Path, old:
     assert f"`facetctl {aliases.JOBS[old]}`" in told
 
 
-@pytest.mark.parametrize(("old", "now"), EXTRAS.items())
+@pytest.mark.parametrize(("old", "now"), aliases.EXTRAS.items())
 def test_an_old_extra_installs_what_its_name_today_does(old: str, now: str) -> None:
     extras: dict[str, Any] = tomllib.loads((HOUSE / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert extras[old] == [f"facetd[{now}]"]
 
 
-@pytest.mark.parametrize(("old", "now"), UNITS.items())
+@pytest.mark.parametrize(("old", "now"), aliases.UNITS.items())
 def test_an_old_unit_s_name_is_an_alias_of_the_unit(old: str, now: str) -> None:
     assert f"Alias={old}" in (HOUSE / "deploy" / now).read_text().splitlines()
 
 
-@pytest.mark.parametrize(("old", "now"), MESSAGE_KEYS.items())
+@pytest.mark.parametrize(("old", "now"), aliases.MESSAGE_KEYS.items())
 def test_a_message_is_read_with_its_old_key(old: str, now: str) -> None:
     fields = {field.name for field in msgspec.structs.fields(SocketMessage)}
     assert {old, now} <= fields
