@@ -25,11 +25,13 @@ class CauseCode(StrEnum):
     # fmt: off
     OPERATOR_STOP = ("operator_stop", "operator's stop", "operator",
         "find out who stopped it (the journal names person and frontend); once they agree: `resume`")
-    OPERATOR_ABORT = "operator_abort", "operator's abort", "operator", "the part was given up; `pick` tries it again"
+    OPERATOR_ABORT = ("operator_abort", "operator's abort", "operator",
+        "an operator gave up the part; `pick` tries it again")
     OPERATOR_NO = ("operator_no", "operator refused a move", "operator",
         "somebody refused the move in step mode; `step off` ends the questions")
     EMERGENCY_STOP = ("emergency_stop", "emergency stop", "arm",
-        "find out why it was pressed, unlatch it, switch arm power on, then `resume`")
+        "find out why it was pressed, unlatch it, switch arm power on, then `resume`, `enable`; if `where` answers "
+        "that the arm is not calibrated: `robot cal`")
     ARM_POWER = ("arm_power", "arm power", "arm",
         "find out what cut it, switch arm power on at the controller, then `resume`")
     ENVELOPE_ERROR = ("envelope_error", "envelope error", "arm",
@@ -83,9 +85,11 @@ class CauseCode(StrEnum):
     CAMERA_FROZEN = ("camera_frozen", "camera frozen", "camera",
         "the camera repeats its last frame: unplug it, plug it in, then `resume`")
     CAMERA_DOUBLED = ("camera_doubled", "one camera used twice", "camera",
-        "cameras.left and cameras.right name the same device: name two")
-    CAMERAS_SWAPPED = "cameras_swapped", "cameras swapped", "camera", "exchange cameras.left and cameras.right"
-    CAMERA_KNOCKED = "camera_knocked", "camera knocked", "calibration", "fasten it, then `calibrate stereo`"
+        "in facetd.yaml cameras.left and cameras.right name the same device: name two devices")
+    CAMERAS_SWAPPED = ("cameras_swapped", "cameras swapped", "camera",
+        "exchange the two USB plugs at the computer, or the two paths in /etc/udev/rules.d/60-facetd.rules; not both")
+    CAMERA_KNOCKED = ("camera_knocked", "camera knocked", "calibration",
+        "fasten it, then `calibrate verify`; if that fails, `calibrate stereo`")
     HAND_EYE = ("hand_eye", "hand-eye calibration off", "calibration",
         "the cameras have moved on the gripper: fasten them, `calibrate verify`, then `calibrate hand-eye`")
     LOOKS_DISAGREE = ("looks_disagree", "looks disagree", "calibration",
@@ -110,8 +114,8 @@ class CauseCode(StrEnum):
     RELEASE_UNCONFIRMED = ("release_unconfirmed", "release not confirmed", "grasp",
         "look into the bin for the part; if this recurs, move pick.bin to a place with a plain background")
     PART_SLIPPED = ("part_slipped", "part slipped", "grasp",
-        "clean part and pads; with a lower pick.gripper.friction facetd chooses grasps whose contacts are nearer to "
-        "perpendicular")
+        "clean part and pads; or lower pick.gripper.friction: facetd then chooses grasps in which the fingers press "
+        "more squarely on the part")
     GRIPPER = ("gripper", "gripper does not open or close", "grasp",
         "check that the fingers open to pick.gripper.opening_mm and close (air, valve); then `calibrate touch`")
     SENSOR_DISAGREES = ("sensor_disagrees", "gripper's sensor disagrees", "grasp",
@@ -129,7 +133,7 @@ class CauseCode(StrEnum):
     STALE_LOOK = ("stale_look", "a look too old", "computer",
         "the computer was too slow, or the pick was paused: see pick.limits.max_look_age_s")
     NOT_FOUND_AGAIN = ("not_found_again", "not found again", "images",
-        "check light and focus; see the refused outlines of the look")
+        "check light and focus; the run's page shows which outlines of the look facetd refused")
     OTHER_TERMINAL = ("other_terminal", "somebody else on the line", "line",
         "another program or terminal types on the arm's line: close it, then `resume` and `enable`")
     MOVED_BY_OTHERS = ("moved_by_others", "arm moved by somebody else", "operator",
@@ -140,7 +144,8 @@ class CauseCode(StrEnum):
         "keep the computer from suspending or halting; then `resume`")
     UNMATCHED_OUTLINES = ("unmatched_outlines", "outlines without a facet", "images",
         "both cameras see outlines that do not match: check light and focus, then `calibrate verify`")
-    NOT_KNOWN = "not_known", "unknown cause", "pick", "read its decisions and looks; no record points to a cause"
+    NOT_KNOWN = ("not_known", "unknown cause", "pick",
+        "no record shows a cause: read the pick's decisions and looks on the run's page")
     # fmt: on
 
 

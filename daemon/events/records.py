@@ -150,7 +150,10 @@ class RunStart(EventRecord, tag_field="kind", tag="run_start"):
     gripper: Annotated[
         Text, meaning("the mounted gripper: its name, or its kind where only one is configured; null: not reported yet")
     ] = None
-    limits: Annotated[dict[str, Number] | None, meaning("grasp_mm and arrival_mm that it works to", "mm")] = None
+    limits: Annotated[
+        dict[str, Number] | None,
+        meaning("grasp_mm and arrival_mm: the largest errors allowed at a grasp and at an arrival", "mm"),
+    ] = None
     seed: Annotated[Count, meaning("of a simulated cell")] = None
     continues: Annotated[Text, meaning("the previous run, which this one continues")] = None
     reloaded: Annotated[Flag, meaning("the run continues with other settings or another calibration")] = None
@@ -245,7 +248,7 @@ class LookTaken(CycleRecord, tag_field="kind", tag="look"):
     world_from_cyclopean: Annotated[Pose, meaning("of the cameras", "mm")] = None
     table: Annotated[TableRecord | None, meaning("the support plane")] = None
     whole: Annotated[bool | None, meaning("false: only the expected part was looked for, by its edges")] = None
-    moved: Annotated[MovedPairRecord | None, meaning("places of a pair that one camera took")] = None
+    moved: Annotated[MovedPairRecord | None, meaning("with one camera: from where it took the two pictures")] = None
 
 
 class CamerasInUse(EventRecord, tag_field="kind", tag="eyes"):
@@ -370,7 +373,10 @@ class CycleEnded(CycleRecord, tag_field="kind", tag="cycle_end"):
     stops: Annotated[Count, meaning("looks at it")] = None
     why: Annotated[Text, meaning("in words")] = None
     stopped: Annotated[
-        Text, meaning("code of what stopped the arm after that outcome, on the way home or when the gripper opened")
+        Text,
+        meaning(
+            "if the arm was stopped after that outcome, on the way home or when the gripper opened: code of the cause"
+        ),
     ] = None
     grasp: Annotated[Pose, meaning("world_from_tool", "mm")] = None
     predicted: Annotated[PredictedRecord | None, meaning("error expected at the grasp: mm and deg")] = None

@@ -18,6 +18,21 @@ not have set-downs."""
 Kind = Literal["text", "integer", "real", "flag", "time", "day"]
 OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
 """Measures of both images together; the others are of each image."""
+MEANINGS: Mapping[str, str] = {
+    "saturation": "share of pixels that are too bright to measure",
+    "darkness": "brightness that 1 % of the pixels exceed: low in the dark",
+    "covered": "contrast: low where a lens is covered or the light is off",
+    "focus": "blur in every direction",
+    "motion": "blur along one direction",
+    "half": "share of the rows that repeat the row above: part of the frame is missing",
+    "torn": "grey levels by which a row differs from the row above where two frames meet",
+    "frozen": "images that are the same as in the pair before",
+    "doubled": "1: both images are the same",
+    "swapped": "1: left and right are exchanged",
+    "knocked": "distance of matched points from their epipolar lines",
+    "epipolar": "median distance of matched corners from their epipolar lines",
+}
+"""Of each measure of the images."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +75,8 @@ def _health() -> tuple[Column, ...]:
     for name, measure in MEASURES.items():
         side = f"limit {measure.limit:g} {'at most' if measure.above else 'at least'}"
         for camera in ("pair",) if name in OF_PAIR else ("left", "right"):
-            of = "both images" if camera == "pair" else f"the {camera} image"
-            columns.append(Column(f"{name}_{camera}", "real", f"{name} of {of}; {side}", measure.unit))
+            of = "" if camera == "pair" else f", {camera} image"
+            columns.append(Column(f"{name}_{camera}", "real", f"{MEANINGS[name]}{of}; {side}", measure.unit))
     for axis in AXES:
         columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right camera against its calibration", "degrees"))
         columns.append(Column(f"{axis}_sigma_deg", "real", f"standard deviation of this {axis}", "degrees"))
@@ -83,7 +98,7 @@ TABLES: Mapping[str, TableSchema] = {
         Column("records", "integer", "lines in run.jsonl"),
         Column("cycles", "integer", "picks begun"),
         Column("interventions", "integer", "how often a person had to act while a pick or an auto went on"),
-        Column("ended", "flag", "whether it ended in order"),
+        Column("ended", "flag", "true: the daemon ended the run; false: a crash or a power cut did"),
         MODEL,
         CALIBRATION,
         Column("config", "text", "first digits of the hash of the configuration"),
@@ -136,7 +151,7 @@ TABLES: Mapping[str, TableSchema] = {
         TIME,
         Column("part", "integer", "its place in the look, from 0"),
         Column("label", "text", "its name, or unknown"),
-        Column("picked_as", "text", "the name under which this pick then held it; null: not proved"),
+        Column("picked_as", "text", "the name that the part proved to have when this pick held it; null: not proved"),
         Column("confidence", "real", "of the name, 0 to 1"),
         Column("match_ratio", "real", "share of the taught facets' relations that were found"),
         Column("activation", "real", "of the ARTMAP node"),

@@ -89,8 +89,9 @@ STORE/tables/<table>/cell=<cell>/month=<YYYY-MM>/{file}
 ```
 
 A file holds a cell's month, sorted by day, so that a reader of one day skips the rest by the file's own statistics.
-We also tried a file a day, with forty cells and a year: the question to `looks` that takes longest, and one to a
-cell's day (`python -m tests.bench.hall --by-day`; processor time of two cores, the files' opening included):
+We also tried one file for each day. The table compares the layouts with the data of forty cells and one year
+(`python -m tests.bench.hall --by-day`). The times are processor time of two cores, with the opening of the files:
+the slowest question about all of `looks`, and a question about one day of one cell.
 
 | layout | files | question to all | question to a day | disk |
 | --- | --- | --- | --- | --- |
@@ -131,7 +132,7 @@ def document() -> str:
         parts.append("| `cell` | VARCHAR | | the cell's name, from the folder | 1 |")
         parts.append("| `month` | VARCHAR | | such as 2026-11, from the folder | 2 |")
         parts.append("\n".join(map(_line, table.columns)) + "\n")
-    parts.append("## Ten questions\n\nEach is answered by DuckDB; `python -m tests.bench.hall` measures how soon.\n")
+    parts.append("## Example questions\n\nDuckDB answers each; `python -m tests.bench.hall` measures how fast.\n")
     for number, question in enumerate(QUESTIONS, 1):
         parts.append(f"**{number}. {question.text}**\n\n```sql\n{question.sql.strip()}\n```\n")
     return "\n".join(parts)
