@@ -75,8 +75,8 @@ def _health() -> tuple[Column, ...]:
     for name, measure in MEASURES.items():
         side = f"limit {measure.limit:g} {'at most' if measure.above else 'at least'}"
         for camera in ("pair",) if name in OF_PAIR else ("left", "right"):
-            of = "" if camera == "pair" else f", {camera} image"
-            columns.append(Column(f"{name}_{camera}", "real", f"{MEANINGS[name]}{of}; {side}", measure.unit))
+            of = "" if camera == "pair" else f"{camera} image: "
+            columns.append(Column(f"{name}_{camera}", "real", f"{of}{MEANINGS[name]}; {side}", measure.unit))
     for axis in AXES:
         columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right camera against its calibration", "degrees"))
         columns.append(Column(f"{axis}_sigma_deg", "real", f"standard deviation of this {axis}", "degrees"))
