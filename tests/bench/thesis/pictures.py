@@ -187,7 +187,9 @@ def taught_views_table() -> str:
         known = len({name for name, _ in _order()[:number]})
         rows.append([str(number), str(known), *(str(answers[a]) for a in ANSWERS)])
     shown = len(_others())
-    return table(["views taught", "of so many parts", *(f"{a}, of {shown} views of four parts" for a in ANSWERS)], rows)
+    return table(
+        ["views taught", "number of parts taught", *(f"{a}, of {shown} views of four parts" for a in ANSWERS)], rows
+    )
 
 
 def rotation_table() -> str:
