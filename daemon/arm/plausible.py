@@ -165,7 +165,7 @@ def hand(guard: Limits, tip_mm: float, outside: tuple[str, float]) -> Iterator[I
     for key, axis, says_mm, which in (("tip_mm", 2, tip_mm, ends), (wide, 1, outside_mm, tips or ends)):
         guarded_mm = max((float(end[axis]) + radius for end, radius in which), default=0.0)
         if says_mm > guarded_mm + DIGITS_MM:
-            expected = f"a gripper within the hand that is guarded, {guarded_mm:g} mm in {'xyz'[axis]}"
+            expected = f"a gripper inside the guarded capsules, {guarded_mm:g} mm in {'xyz'[axis]}"
             remedy = "give pick.limits.capsules and body_mm a gripper as long and as wide"
             yield _found(("pick", "gripper", key), expected, f"{says_mm:g}", remedy)
 

@@ -228,7 +228,7 @@ def test_a_gripper_longer_or_wider_than_the_hand_that_is_guarded_is_refused_at_t
     path.write_text(
         f"version: 1\ncell: recorded\npick: {{gripper: {{{gripper}}}, limits: {{capsules: {json.dumps(usual)}}}}}\n"
     )
-    with pytest.raises(ConfigError, match=r"pick\.gripper.*the hand that is guarded"):
+    with pytest.raises(ConfigError, match=r"pick\.gripper.*inside the guarded capsules"):
         sections.check(load_config(path))
 
 
