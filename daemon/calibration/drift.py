@@ -45,11 +45,9 @@ class DriftState:
 
 @dataclass(frozen=True)
 class Drift:
-    """A camera has moved: axis, degrees, since when, whether that stops autonomous picking, the message."""
+    """A camera has moved: by how much, whether that stops autonomous picking, the message."""
 
-    axis: str
     degrees: float
-    since: str
     stops: bool
     text: str
 
@@ -132,14 +130,13 @@ def _drift(state: DriftState, drifted: NDArray[np.bool_], alone: CameraName | No
         return None
     worst = int(np.argmax(np.where(drifted, np.abs(state.mean), 0.0)))
     degrees = float(np.degrees(state.mean[worst]))
-    since = state.since[worst] or ""
     stops = abs(degrees) >= STOP_DEG
     movement = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left"
     if alone is not None:
         movement = f"{alone} camera no longer as calibrated on the gripper ({AXES[worst]} by {degrees:+.2f} degrees)"
-    text = f"{movement} since {since}: "
+    text = f"{movement} since {state.since[worst]}: "
     text += "calibrate before you pick again" if stops else "check that its mount is tight, and calibrate soon"
-    return Drift(AXES[worst], degrees, since, stops, text)
+    return Drift(degrees, stops, text)
 
 
 class DriftWatch:

@@ -65,13 +65,12 @@ class Sample:
 class HandEyeResult:
     """mounting (4, 4): tool_from_cyclopean, or world_from_cyclopean of fixed cameras; covariance (6, 6) of its motion
     (see frames), mm and rad, with what no residual shows (see `_covariance`), of fixed cameras about about_mm (3,),
-    world, the middle of where the board was; reprojection_px rms per point; solvers_mm, solvers_deg: difference of the
-    two closed forms; diversity_deg: see `diversity_deg`; left_out_mm: error of each pose when predicted from all
-    others; arm: see `estimated_arm_error`."""
+    world, the middle of where the board was; solvers_mm, solvers_deg: difference of the two closed forms;
+    diversity_deg: see `diversity_deg`; left_out_mm: error of each pose when predicted from all others; arm: see
+    `estimated_arm_error`."""
 
     mounting: Array
     covariance: Array
-    reprojection_px: float
     solvers_mm: float
     solvers_deg: float
     diversity_deg: float
@@ -140,7 +139,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
     first, second = park_martin(arm, camera), shah(arm, camera)
     boards = [a @ first @ e for a, e in zip(arm, camera, strict=True)]
     board, _ = frames.fuse(boards, [np.eye(6)] * len(boards))
-    parameters, residuals, poses = _joint(samples, rig, _start(first, board, len(samples)))
+    parameters, poses = _joint(samples, rig, _start(first, board, len(samples)))
     try:
         arm_error = estimated_arm_error(poses, ArmError())
         step, covariance = solution(poses, arm_error)
@@ -155,7 +154,6 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
         mounting=mounting,
         about_mm=about_mm,
         covariance=_covariance(shared[:6], covariance[:6, :6], arm_error, about_mm),
-        reprojection_px=float(np.sqrt(2 * (residuals**2).mean())),
         solvers_mm=float(np.linalg.norm(first[:3, 3] - second[:3, 3])),
         solvers_deg=float(np.degrees(frames.angle_between(first, second))),
         diversity_deg=turned,
@@ -167,9 +165,8 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
     )
 
 
-def _joint(samples: Sequence[Sample], rig: StereoRig, start: Array) -> tuple[Array, Array, list[PoseEquations]]:
-    """Parameters of the joint solution, the corners' residuals there (px), and the equations of each pose, weighed by
-    the corners' own noise."""
+def _joint(samples: Sequence[Sample], rig: StereoRig, start: Array) -> tuple[Array, list[PoseEquations]]:
+    """Parameters of the joint solution, and the equations of each pose there, weighed by the corners' own noise."""
     parameters, residuals, jacobian = minimise(hand_eye_problem(samples, rig, ArmError()), start)
     ends = np.cumsum([6 * len(samples), *(2 * len(px) for s in samples for _, px in _views(rig, s))])
     first, each = ends[0], len(_views(rig, samples[0]))
@@ -177,7 +174,7 @@ def _joint(samples: Sequence[Sample], rig: StereoRig, start: Array) -> tuple[Arr
     corners = residuals[first:]
     sigma = float(np.sqrt((corners**2).sum() / max(len(corners) - len(parameters), 1)))
     scaled = max(sigma, MIN_NOISE)
-    return parameters, PIXEL_SIGMA * corners, pose_equations(jacobian / scaled, residuals / scaled, parameters, rows)
+    return parameters, pose_equations(jacobian / scaled, residuals / scaled, parameters, rows)
 
 
 def _covariance(pose: Array, covariance: Array, arm: ArmError, about_mm: Array | None) -> Array:

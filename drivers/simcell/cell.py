@@ -179,7 +179,7 @@ class SimulatedCell:
             self._settings = self._both.with_gripper(kind)
             tool = rigid_matrix(self._settings.arm.flange_from_tool)
             self.arm.true_geometry = replace(self.arm.true_geometry, flange_from_tool=tool)
-            self.motion_monitor.mounted(controller.now_s, self._body())
+            self.motion_monitor.change_body(controller.now_s, self._body())
             self.world.mount(self._settings)
             self.truth.settings = self._settings
 
@@ -330,8 +330,8 @@ class SimulatedCell:
 
     def _fell(self, at_s: float, fallen: tuple[str, float, PartPlace]) -> None:
         label, fell_mm, where = fallen
-        over_bin, theirs = where is PartPlace.BIN, self._machine.theirs
-        self._machine.history.add(DropRecord(at_s, self._machine.by, label, fell_mm, over_bin, theirs))
+        over_bin, by_others = where is PartPlace.BIN, self._machine.by_others
+        self._machine.history.add(DropRecord(at_s, self._machine.by, label, fell_mm, over_bin, by_others))
 
     def _outputs_switched(self) -> None:
         """Work the valve that outputs work, where the cup has one."""
@@ -344,7 +344,7 @@ class SimulatedCell:
         if on is self._sucks or not (on or blown):
             return
         self._sucks = on
-        machine.history.add(GripperRecord(machine.now_s, machine.by, machine.given_s, on, machine.theirs))
+        machine.history.add(GripperRecord(machine.now_s, machine.by, machine.received_s, on, machine.by_others))
         self._work(on)
 
     def _on_gripper(self, closed: bool) -> None:

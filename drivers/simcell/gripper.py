@@ -32,7 +32,7 @@ class Grip:
 
     held: whether it is between them now; why: the reason. tool_from_part: before and after (4, 4) mm. shift_mm (signed,
     along tool y) and turn_deg: how the jaws moved the part, that is the tool's distance from the ideal grasp line.
-    width_mm between the jaws. struck: a finger or the palm collided with the part.
+    width_mm between the jaws.
     """
 
     held: bool
@@ -42,7 +42,6 @@ class Grip:
     shift_mm: float = 0.0
     turn_deg: float = 0.0
     width_mm: float = 0.0
-    struck: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +88,11 @@ def reaches(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> b
 def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: GripperTruth) -> Grip:
     """Close the open jaws on a part. up (3,): world up in the tool frame, about which a part on a table turns."""
 
-    def lost(why: str, struck: bool = False, shift_mm: float = 0.0) -> Grip:
-        return Grip(False, why, tool_from_part, tool_from_part, shift_mm=shift_mm, struck=struck)
+    def lost(why: str, shift_mm: float = 0.0) -> Grip:
+        return Grip(False, why, tool_from_part, tool_from_part, shift_mm=shift_mm)
 
     if strikes(shape, tool_from_part, gripper):
-        return lost("a finger or the palm strikes the part", struck=True)
+        return lost("a finger or the palm strikes the part")
     between = _strip(gripper, -gripper.opening_mm / 2, gripper.opening_mm / 2)
     angle = _turn_to_jaws(shape, tool_from_part, within(shape, tool_from_part, between), up)
     if angle is None or abs(np.degrees(angle)) > gripper.turn_deg:

@@ -17,18 +17,16 @@ from drivers.simcell.arm import Motion
 class MotionRecord:
     """One motion of the arm, as started or, after a halt, as cut short.
 
-    by: the typed line that caused it; given_s: when the controller had received all of it (or the answer to a
-    question). speed_percent (0 for CAL), flange_from_tool (4, 4) mm, hand_closed: in force at its start. theirs:
-    somebody beside the daemon ended that line, or moved the arm by the pendant.
+    by: the typed line that caused it; received_s: when the controller had received all of it (or the answer to a
+    question). speed_percent (0 for CAL): in force at its start. by_others: somebody other than the daemon ended that
+    line, or moved the arm by the pendant.
     """
 
     motion: Motion
     by: str
-    given_s: float
+    received_s: float
     speed_percent: float
-    flange_from_tool: Array
-    hand_closed: bool
-    theirs: bool = False
+    by_others: bool = False
 
     @property
     def began_s(self) -> float:
@@ -40,22 +38,22 @@ CONTROL_C = "control-C"
 
 @dataclass(frozen=True)
 class StopRecord:
-    """A stop command to the controller. by: the line, or CONTROL_C; theirs: see MotionRecord."""
+    """A stop command to the controller. by: the line, or CONTROL_C; by_others: see MotionRecord."""
 
     began_s: float
     by: str
-    theirs: bool = False
+    by_others: bool = False
 
 
 @dataclass(frozen=True)
 class GripperRecord:
-    """An action of the gripper. by, given_s, theirs: see MotionRecord."""
+    """An action of the gripper. by, received_s, by_others: see MotionRecord."""
 
     began_s: float
     by: str
-    given_s: float
+    received_s: float
     closed: bool
-    theirs: bool = False
+    by_others: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +77,14 @@ class ReleaseRecord:
 @dataclass(frozen=True)
 class DropRecord:
     """The gripper released a part. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into
-    the bin; theirs: see MotionRecord."""
+    the bin; by_others: see MotionRecord."""
 
     began_s: float
     by: str
     label: str
     fell_mm: float
     over_bin: bool
-    theirs: bool = False
+    by_others: bool = False
 
 
 HistoryRecord = MotionRecord | StopRecord | GripperRecord | GraspRecord | ReleaseRecord | DropRecord

@@ -70,14 +70,14 @@ def suck(shape: PartShape, tool_from_part: Array, cup: SuctionTruth) -> Grip | N
     touching = (met[:LIP_POINTS] <= SEALS_MM) & (met[:LIP_POINTS] >= -cup.lip_mm)
     if not touching.any():
         return None
-    why, struck = "", cup_strikes(shape, tool_from_part, cup)
-    if struck:
+    why = ""
+    if cup_strikes(shape, tool_from_part, cup):
         why = "the cup was driven into the part"
     elif not touching.all():
         why = f"the lip leaks on {np.mean(~touching):.0%} of its way round: a hole, an edge or a slope"
     elif np.isinf(met[LIP_POINTS:]).any():
         why = "a bore through the part leaks inside the lip"
-    return Grip(not why, why or "held", tool_from_part, tool_from_part, struck=struck)
+    return Grip(not why, why or "held", tool_from_part, tool_from_part)
 
 
 def holds(shape: PartShape, tool_from_part: Array, down: Array, cup: SuctionTruth) -> str:

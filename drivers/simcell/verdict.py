@@ -1,6 +1,6 @@
 """Write the motion monitor's findings and the starts of motions to a file, for the process that started the cell.
 
-That process knows which motions were allowed when. A line {"set_out_s", "by"} for each motion and each gripper action;
+That process knows which motions were allowed when. A line {"started_s", "by"} for each motion and each gripper action;
 a line {"rule", "at_s", "by", "text"} for each violation that needs no such knowledge. Times are of time.monotonic,
 which all processes share.
 """
@@ -15,7 +15,7 @@ from drivers.simcell.history import GripperRecord, History, MotionRecord
 from drivers.simcell.motion_monitor import MotionMonitor
 
 EVERY_S = 0.1
-NEED_COMMANDS = ("not allowed", "after a stop")
+NEED_COMMANDS = ("not permitted", "motion after stop")
 """Rules that need the operators' commands, which this process does not know."""
 
 
@@ -33,7 +33,7 @@ class VerdictFile:
         """now_s: the cell's time; real_s: converts a time of the cell to time.monotonic."""
         self._motion_monitor, self._history, self._now_s, self._real_s = motion_monitor, history, now_s, real_s
         self._read = self._written = 0
-        motion_monitor.may_move(now_s(), True)
+        motion_monitor.motion_permitted(now_s(), True)
         self._file = path.open("a", encoding="utf-8", buffering=1)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="motion-monitor", daemon=True)
@@ -55,7 +55,7 @@ class VerdictFile:
         self._read = first + len(events)
         for event in events:
             if isinstance(event, MotionRecord | GripperRecord):
-                self._write({"set_out_s": self._real_s(event.began_s), "by": event.by})
+                self._write({"started_s": self._real_s(event.began_s), "by": event.by})
         found = [v for v in self._motion_monitor.violations(self._now_s()) if v.rule not in NEED_COMMANDS]
         for violation in found[self._written :]:
             at_s = self._real_s(violation.at_s)

@@ -79,16 +79,16 @@ class Beside(Sentry):
         which may be at work still."""
         motion_monitor, server = self.cell.motion_monitor, self.cell.server
         self._enabled = False
-        motion_monitor.line(server.now_s(), False)
-        motion_monitor.may_move(server.now_s(), False)
+        motion_monitor.line_works(server.now_s(), False)
+        motion_monitor.motion_permitted(server.now_s(), False)
         super().start((), timeout_s)
-        motion_monitor.line(server.now_s(), True)
+        motion_monitor.line_works(server.now_s(), True)
 
     def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
         """Send one command; reports to the cell's motion monitor what it permits."""
         self._enabled |= text == "enable"
         if self._enabled and text not in ("stop", "disable"):
-            self.cell.motion_monitor.may_move(self.cell.server.now_s(), True)
+            self.cell.motion_monitor.motion_permitted(self.cell.server.now_s(), True)
         return super().do(text, answer)
 
     def judged(self) -> list[str]:

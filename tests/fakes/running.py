@@ -108,7 +108,7 @@ class Running:
         for line in map(json.loads, (self.folder / "verdict.jsonl").read_text(encoding="utf-8").splitlines()):
             if "rule" in line:
                 found.append(f"{line['rule']}: {line['text']} (`{line['by']}`)")
-            elif not [allowed for at_s, allowed in self._allowed if at_s <= line["set_out_s"]][-1]:
+            elif not [allowed for at_s, allowed in self._allowed if at_s <= line["started_s"]][-1]:
                 found.append(f"not allowed: `{line['by']}` while nothing might move")
         return found
 

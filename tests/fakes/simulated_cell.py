@@ -144,16 +144,16 @@ def tell_the_motion_monitor(cell: SimulatedCell, cycle: PickCycle, log: ListLog)
 
     def leave(act: Callable[..., None]) -> Callable[..., None]:
         def given(*asked: object) -> None:
-            cell.motion_monitor.may_move(cell.server.now_s(), True)
+            cell.motion_monitor.motion_permitted(cell.server.now_s(), True)
             act(*asked)
 
         return given
 
     def heard(kind: str, fields: dict[str, Any]) -> None:
         if kind == "fault":
-            cell.motion_monitor.may_move(cell.server.now_s(), False)
+            cell.motion_monitor.motion_permitted(cell.server.now_s(), False)
         if kind == "move":
-            cell.motion_monitor.no_faster_than(cell.server.now_s(), fields["speed_pct"])
+            cell.motion_monitor.limit_speed(cell.server.now_s(), fields["speed_pct"])
 
     supervisor = cycle.supervisor
     supervisor.enable, supervisor.resume = leave(supervisor.enable), leave(supervisor.resume)

@@ -169,12 +169,12 @@ class Words:
             self._resuming.add(key)
         if is_word(word, "hand") or is_word(word, "robot"):
             self._by_hand[key] = None
-            motion_monitor.may_drop(now_s)
+            motion_monitor.drop_permitted(now_s)
         elif any(is_word(word, known) for known in MOVES):
             self._by_hand = {line: status for line, status in self._by_hand.items() if status is None}
-            motion_monitor.may_drop(now_s, bool(self._by_hand))
+            motion_monitor.drop_permitted(now_s, bool(self._by_hand))
         if is_word(word, "robot"):
-            motion_monitor.by_hand(now_s, typed_to_controller(text))
+            motion_monitor.typed_by_person(now_s, typed_to_controller(text))
         self._tell(any(is_word(word, known) for known in MOVES))
 
     def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
@@ -182,16 +182,16 @@ class Words:
         self._typed[key] = text, self._resumed
         self._let_go(text, now_s)
         if is_word(first_word(text), "confirm") or text.lower().startswith("y"):
-            self._story.cell.motion_monitor.yes(now_s)
+            self._story.cell.motion_monitor.confirmed(now_s)
 
     def _let_go(self, text: str, now_s: float) -> None:
         word, motion_monitor = first_word(text), self._story.cell.motion_monitor
         if is_word(word, "resume"):
             self._resumed += 1
-            motion_monitor.held(now_s, False)
+            motion_monitor.motion_held(now_s, False)
         if is_word(word, "step") and "on" not in text.split():
             self._resumed += 1
-            motion_monitor.each_asked(now_s, False)
+            motion_monitor.confirm_each(now_s, False)
         if is_word(word, "dry") and "on" not in text.split():
             self._resumed += 1
             self._dry = False
@@ -204,9 +204,9 @@ class Words:
         if resumed != self._resumed:  # which was done first nobody knows
             return
         if is_word(word, "pause"):
-            motion_monitor.held(now_s, True)
+            motion_monitor.motion_held(now_s, True)
         if is_word(word, "step") and "on" in text.split():
-            motion_monitor.each_asked(now_s, True)
+            motion_monitor.confirm_each(now_s, True)
         if is_word(word, "dry") and "on" in text.split():
             self._dry = True
 
@@ -222,7 +222,7 @@ class Words:
             self._by_hand[key] = status
             if status == 0:
                 del self._by_hand[key]
-                self._story.cell.motion_monitor.may_drop(self._story.stamp_s(), bool(self._by_hand))
+                self._story.cell.motion_monitor.drop_permitted(self._story.stamp_s(), bool(self._by_hand))
         if key in self._resuming:
             self._resuming.discard(key)
             if status == 0:
@@ -233,7 +233,7 @@ class Words:
 
     def agreed(self, question: str) -> None:
         """A question was answered with yes."""
-        self._story.cell.motion_monitor.yes(self._story.stamp_s())
+        self._story.cell.motion_monitor.confirmed(self._story.stamp_s())
         if "Enable the arm and continue" in question:
             self.enabled = True
         self._tell(True)
@@ -242,9 +242,9 @@ class Words:
         """A person typed to the controller: such a line counts as theirs, also one of which they erased a part."""
         motion_monitor, now_s, line = self._story.cell.motion_monitor, self._story.stamp_s(), keys.strip()
         for end in range(1, len(line) + 1):
-            motion_monitor.by_hand(now_s, line[:end])
-        motion_monitor.yes(now_s)
-        motion_monitor.may_drop(now_s)
+            motion_monitor.typed_by_person(now_s, line[:end])
+        motion_monitor.confirmed(now_s)
+        motion_monitor.drop_permitted(now_s)
         self._tell(True)
 
     def stop(self, why: str) -> None:
@@ -298,13 +298,13 @@ class Words:
         self._resuming.clear()
         self._stopping.clear()
         self._typed.clear()
-        self._story.cell.motion_monitor.held(self._story.stamp_s(), False)
-        self._story.cell.motion_monitor.each_asked(self._story.stamp_s(), False)
+        self._story.cell.motion_monitor.motion_held(self._story.stamp_s(), False)
+        self._story.cell.motion_monitor.confirm_each(self._story.stamp_s(), False)
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
         tries = self.allowed and (bool(self._enabling) or self._sent_off)
-        self._story.cell.motion_monitor.stop_tried(self._story.stamp_s(), bool(self._stopping) or tries)
+        self._story.cell.motion_monitor.stop_test(self._story.stamp_s(), bool(self._stopping) or tries)
         self._story.may_move(self.allowed, wanted)
 
 
@@ -681,7 +681,7 @@ class Story:
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
         assert isinstance(self.cell.server, MemoryLine)
         self.line = self.cell.server
-        self.cell.motion_monitor.no_faster_than(0.0, FASTEST)
+        self.cell.motion_monitor.limit_speed(0.0, FASTEST)
         self.words, self._stamp_s = Words(self), 0.0
         self._seen, self._brought, self._counted = 0, 0, dict[int, CycleEnd]()
         self._deaf, self._clear_s = False, 0.0
@@ -785,7 +785,7 @@ class Story:
     def may_move(self, allowed: bool, wanted: bool) -> None:
         """Report to the motion monitor what the operators permit; wanted: somebody requested motion now."""
         if allowed != self._allowed or (allowed and wanted):
-            self.cell.motion_monitor.may_move(self.stamp_s(), allowed)
+            self.cell.motion_monitor.motion_permitted(self.stamp_s(), allowed)
         self._allowed = allowed
 
     _allowed = False
@@ -795,14 +795,14 @@ class Story:
         if "The arm is disabled:" in text:
             self.words.disabled()
         if text.startswith(at_rest):
-            self.cell.motion_monitor.said_to_rest(self.now_s, text)
+            self.cell.motion_monitor.rest_reported(self.now_s, text)
         self.texts = [*self.texts[-20:], text]
         self.others.told(text)
 
     def harm(self, act: Callable[[], object] = lambda: None) -> None:
         """Disturb line or controller: for a while a stop may not get through."""
         if not self._deaf:
-            self.cell.motion_monitor.line(self.now_s, False)
+            self.cell.motion_monitor.line_works(self.now_s, False)
         self._deaf, self._clear_s = True, self.now_s
         self.others.spoilt()
         act()
@@ -816,7 +816,7 @@ class Story:
         """Another terminal on the arm's line types a line; what it makes of what stood there half typed is its own."""
         with self.cell.server.controller() as controller:
             clean = not self._may_be_deaf and controller.question is None and self.alive
-            self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s, theirs=True))
+            self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s, by_others=True))
             self.others.typed(text, clean)
 
     def by_pendant(self, joint: int, degrees: float, at_rest: bool = False) -> None:
@@ -976,7 +976,7 @@ class Story:
             self.harm()
         elif self._deaf and self.now_s > self._clear_s + HARMED_S:
             self._deaf = False
-            self.cell.motion_monitor.line(self.now_s, True)
+            self.cell.motion_monitor.line_works(self.now_s, True)
 
     def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
         """Build the simulated hardware as daemon/cell/build.py does, with another line and clock."""

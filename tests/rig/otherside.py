@@ -118,8 +118,8 @@ class Surroundings:
     def do_pull(self) -> dict[str, Any]:
         """Pull the arm's adapter out: nothing that is typed gets through any more."""
         with self.cell.server.controller() as controller:
-            self.cell.motion_monitor.line(controller.now_s, False)
-            self.cell.motion_monitor.may_move(controller.now_s, False)
+            self.cell.motion_monitor.line_works(controller.now_s, False)
+            self.cell.motion_monitor.motion_permitted(controller.now_s, False)
         self.line.plugs[line.ARM].pull()
         return {}
 
@@ -136,8 +136,8 @@ class Surroundings:
     def do_allow(self, may: bool) -> dict[str, Any]:
         """Tell the motion monitor that the arm may move from now on, or may not, and that a stop would be heard."""
         with self.cell.server.controller() as controller:
-            self.cell.motion_monitor.line(controller.now_s, True)
-            self.cell.motion_monitor.may_move(controller.now_s, may)
+            self.cell.motion_monitor.line_works(controller.now_s, True)
+            self.cell.motion_monitor.motion_permitted(controller.now_s, may)
         return {}
 
     def do_judged(self) -> dict[str, Any]:

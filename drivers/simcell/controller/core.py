@@ -37,8 +37,8 @@ class TypedLine:
     """A complete line: when the controller had all of it, and whether somebody other than the daemon ended it."""
 
     text: str
-    given_s: float
-    theirs: bool
+    received_s: float
+    by_others: bool
 
 
 class Controller:
@@ -73,9 +73,9 @@ class Controller:
 
     # The line
 
-    def receive(self, data: bytes, now_s: float, theirs: bool = False) -> None:
-        """Receive typed bytes. theirs: somebody other than the daemon typed them; a line that such a byte ends counts
-        as theirs, even if noise changed it."""
+    def receive(self, data: bytes, now_s: float, by_others: bool = False) -> None:
+        """Receive typed bytes. by_others: somebody other than the daemon typed them, and the line that they end, even
+        if noise changed it."""
         self.tick(now_s)
         if not self.machine.alive:
             return
@@ -89,11 +89,11 @@ class Controller:
             if isinstance(completed, Line) and completed.second:
                 self._take_second_end()
             elif isinstance(completed, Line):
-                self._take_line(TypedLine(completed.text, self.now_s, theirs))
+                self._take_line(TypedLine(completed.text, self.now_s, by_others))
             elif completed is LineKey.CANCEL:
                 self._again()
             elif completed is LineKey.INTERRUPT:
-                self.abort(theirs=theirs)
+                self.abort(by_others=by_others)
 
     def output(self, now_s: float) -> bytes:
         """Bytes printed up to now."""
@@ -132,9 +132,9 @@ class Controller:
 
     # What may happen to it
 
-    def abort(self, by: str = CONTROL_C, theirs: bool = False) -> None:
+    def abort(self, by: str = CONTROL_C, by_others: bool = False) -> None:
         """Brake, drop the running command and type-ahead; the prompt follows when the arm is at rest."""
-        self.machine.stop(by, theirs)
+        self.machine.stop(by, by_others)
         self._drop()
         self._start(come_to_rest(self.machine))
 
@@ -168,7 +168,7 @@ class Controller:
         elif self._running is None:
             self._carry_out(line)
         elif monitor.stops(line.text, self.machine.manners):
-            self.abort(line.text.strip(), line.theirs)
+            self.abort(line.text.strip(), line.by_others)
         elif monitor.means(line.text, "ABORT", self.machine.manners):
             self._ahead.clear()
         else:
@@ -182,7 +182,11 @@ class Controller:
             self._second_prompts += 1
 
     def _carry_out(self, line: TypedLine) -> None:
-        self.machine.by, self.machine.given_s, self.machine.theirs = line.text.strip(), line.given_s, line.theirs
+        self.machine.by, self.machine.received_s, self.machine.by_others = (
+            line.text.strip(),
+            line.received_s,
+            line.by_others,
+        )
         self._start(monitor.run(self.machine, line.text))
 
     def _start(self, command: Command) -> None:
@@ -224,7 +228,7 @@ class Controller:
         self._emit(ask.question.encode("ascii") + b" ")
 
     def _answer(self, line: TypedLine) -> None:
-        self.machine.given_s = line.given_s
+        self.machine.received_s = line.received_s
         self._step(line.text)
 
     def _again(self) -> None:

@@ -44,10 +44,10 @@ class Machine:
         self.inputs: set[int] = set()
         """Numbers of the digital inputs that the line has switched on."""
         self.before_input: Callable[[], None] = lambda: None
-        """Called before an input is read: sensors of the cell switch theirs."""
+        """Called before an input is read: sensors of the cell switch their own."""
         self._zero_found_s = 0.0
         """End of CAL's motion."""
-        self.by, self.given_s, self.theirs = "", float("-inf"), False
+        self.by, self.received_s, self.by_others = "", float("-inf"), False
         """The last command line, its time, and whether somebody other than the daemon ended it: recorded as the cause
         of what follows."""
         self.printed_place: list[str] = []
@@ -152,9 +152,7 @@ class Machine:
             with suppress(UnreachableError):
                 self.arm.move_joints(joints_rad, PENDANT_PERCENT / FULL_PERCENT, self.now_s)
                 motion = self.arm.motion
-                self.history.add(
-                    MotionRecord(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed, True)
-                )
+                self.history.add(MotionRecord(motion, PENDANT, self.now_s, PENDANT_PERCENT, True))
 
     def calibrate(self) -> float:
         """Start the calibration of the joints' zeros. Returns the time of its end."""
@@ -169,14 +167,14 @@ class Machine:
         self.history.cut(self.now_s, braking)
         self._zero_found_s = min(self._zero_found_s, self.now_s)
 
-    def stop(self, by: str, theirs: bool) -> None:
+    def stop(self, by: str, by_others: bool) -> None:
         """Record a stop command and brake."""
-        self.history.add(StopRecord(self.now_s, by, theirs))
+        self.history.add(StopRecord(self.now_s, by, by_others))
         self.halt()
 
     def hand(self, closed: bool) -> None:
         self.hand_closed = closed
-        self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed, self.theirs))
+        self.history.add(GripperRecord(self.now_s, self.by, self.received_s, closed, self.by_others))
         self._on_hand(closed)
 
     def _started(self, percent: float) -> None:
@@ -187,9 +185,7 @@ class Machine:
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
     def _record(self, motion: Motion, percent: float) -> None:
-        self.history.add(
-            MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed, self.theirs)
-        )
+        self.history.add(MotionRecord(motion, self.by, self.received_s, percent, self.by_others))
 
     def signal(self, numbers: Sequence[int]) -> None:
         """Switch outputs: n on, -n off."""

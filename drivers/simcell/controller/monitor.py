@@ -127,14 +127,14 @@ def _calibrate(machine: Machine) -> Command:
 
 def _abort(machine: Machine) -> Command:
     if machine.manners.stops_at_once:
-        machine.stop(machine.by, machine.theirs)
+        machine.stop(machine.by, machine.by_others)
     return come_to_rest(machine)
 
 
 def _panic(machine: Machine) -> Command:
     if machine.manners.stops_at_once:
         raise MonitorError("*Illegal command*")
-    machine.stop(machine.by, machine.theirs)
+    machine.stop(machine.by, machine.by_others)
     return come_to_rest(machine)
 
 

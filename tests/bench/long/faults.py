@@ -134,7 +134,7 @@ async def mend(here: Rig) -> None:
     if here.robot.question:
         await here.robot.power_up(("Y", "Y"))
     if not here.cell.controller.machine.calibrated:
-        here.cell.motion_monitor.may_move(here.cell.server.now_s(), True)
+        here.cell.motion_monitor.motion_permitted(here.cell.server.now_s(), True)
         await here.robot.calibrate("Y")
 
 

@@ -64,8 +64,8 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_and_named
     assert found is not None
     at, drift = found
     assert 50 <= at < 70
-    assert drift.axis == name
-    assert drift.since == f"look {at}"
+    assert f" {name} by " in drift.text
+    assert f" since look {at}: " in drift.text
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -287,7 +287,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
             goes_on.append(loop.call_later(10.0, lambda: machine.move_joints(READY_RAD)))
 
         def stopped(machine: Machine, _: str) -> None:
-            machine.stop("ABORT", theirs=False)
+            machine.stop("ABORT", by_others=False)
             for timer in goes_on:
                 timer.cancel()
 
@@ -330,7 +330,7 @@ def test_a_program_that_moves_the_arm_on_and_on_is_ended_soon_and_one_motion_may
                 swinging.append(loop.call_later(machine.arm.rests_s - loop.time(), swing, machine, left - 1))
 
         def stopped(machine: Machine, _: str) -> None:
-            machine.stop("ABORT", theirs=False)
+            machine.stop("ABORT", by_others=False)
             for timer in swinging:
                 timer.cancel()
 

@@ -340,7 +340,7 @@ def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
             story.sockets[0].answer("y")
             story.wait(15.0)
 
-    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_void_stop_test", nothing))
+    proven(act, "not permitted", (Supervisor, "line_opened_anew", nothing), (Link, "_void_stop_test", nothing))
 
 
 @pytest.mark.parametrize("text", ["auto on", "pick cube"])
@@ -350,7 +350,7 @@ def test_what_was_held_still_goes_on_by_nobodys_leave_but_a_new_one(text: str):
         story.hang(30.0)
         story.wait(20.0)
 
-    proven(act, "after a stop", (Watchdog, "_check_sleep", none_of_it), parts=True)
+    proven(act, "motion after stop", (Watchdog, "_check_sleep", none_of_it), parts=True)
 
 
 def test_another_cell_that_is_read_disables_the_arm():
@@ -361,7 +361,7 @@ def test_another_cell_that_is_read_disables_the_arm():
         story.wait(2.0)
         typed(story, "go survey", 10.0)
 
-    proven(act, "not allowed", (Supervisor, "disable", none_of_it))
+    proven(act, "not permitted", (Supervisor, "disable", none_of_it))
 
 
 def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():

@@ -45,9 +45,9 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
 @pytest.mark.parametrize(
     ("drift", "auto", "fails"),
     [
-        (Drift("pitched", 0.2, "09:12", True, "a camera has moved"), True, True),
-        (Drift("pitched", 0.2, "09:12", True, "a camera has moved"), False, False),
-        (Drift("pitched", 0.05, "09:12", False, "a camera has moved"), True, False),
+        (Drift(0.2, True, "a camera has moved"), True, True),
+        (Drift(0.2, True, "a camera has moved"), False, False),
+        (Drift(0.05, False, "a camera has moved"), True, False),
         (None, True, False),
     ],
 )

@@ -364,7 +364,7 @@ def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told
     story: Story, key: str
 ) -> None:
     """The daemon stood aside: nothing was said of it at any frontend, and the next key hung up whoever pressed it."""
-    story.cell.motion_monitor.by_hand(story.stamp_s(), "DO READY")
+    story.cell.motion_monitor.typed_by_person(story.stamp_s(), "DO READY")
     story.sockets[0].say("robot monitor")
     story.wait(0.5)
     for keys in ("SPEED 4\r", "DO READY\r", "y"):
@@ -1193,13 +1193,13 @@ def test_who_leaves_a_program_going_at_the_controllers_terminal_is_told_that_it_
         swinging.append(story.loop.call_later(machine.arm.rests_s - machine.now_s, swing, machine, "", not there))
 
     def stopped(machine: Machine, _: str) -> None:
-        machine.stop("ABORT", theirs=False)
+        machine.stop("ABORT", by_others=False)
         for timer in swinging:
             timer.cancel()
 
     monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", swing)
     monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)
-    story.cell.motion_monitor.by_hand(story.stamp_s(), "EX TEST")
+    story.cell.motion_monitor.typed_by_person(story.stamp_s(), "EX TEST")
     story.sockets[0].say("robot monitor")
     story.wait(0.5)
     for keys in ("EX TEST\r", "y"):

@@ -74,7 +74,6 @@ def test_a_grasp_beyond_the_grippers_tolerance_misses(label: str, part_turn_deg:
     grip = close_over(label, 0, np.radians(part_turn_deg), hand)
     assert not grip.held
     assert why in grip.why
-    assert grip.struck == ("strikes" in why)
 
 
 @cache

@@ -17,7 +17,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Machine, Manners
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
-from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
+from drivers.simcell.motion_monitor import SAMPLE_MM, TYPING_S, ArmSpheres, MotionMonitor
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 from tests.fakes.simulated_time import SimulatedLoop
 
@@ -35,12 +35,12 @@ class Cell:
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))
         body = ArmSpheres([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
         self.motion_monitor = MotionMonitor(self.controller.machine.history, body, rules, TRUTH.table)
-        self.motion_monitor.may_move(0.0, True)
+        self.motion_monitor.motion_permitted(0.0, True)
         self.types("DO NOFLIP", 0.1)
 
-    def types(self, line: str, wait_s: float = 30.0, theirs: bool = False) -> None:
+    def types(self, line: str, wait_s: float = 30.0, by_others: bool = False) -> None:
         """A line, and time for it."""
-        self.controller.receive(line.encode() + b"\r", self.now_s, theirs)
+        self.controller.receive(line.encode() + b"\r", self.now_s, by_others)
         self.now_s += wait_s
         self.controller.tick(self.now_s)
 
@@ -68,32 +68,32 @@ def test_a_day_s_work_breaks_no_rule() -> None:
 def test_what_moves_while_nothing_may_is_found_with_the_line_it_came_of(line: str) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-20,50")
-    cell.motion_monitor.may_move(cell.now_s, False)
+    cell.motion_monitor.motion_permitted(cell.now_s, False)
     cell.types(line)
-    assert cell.found() == ["not allowed"]
+    assert cell.found() == ["not permitted"]
     assert f"`{line}`" in str(cell.motion_monitor.violations(cell.now_s)[0])
 
 
 def test_what_was_begun_and_is_not_over_is_found_already_and_once() -> None:
     cell = Cell()
-    cell.motion_monitor.may_move(0.05, False)
+    cell.motion_monitor.motion_permitted(0.05, False)
     cell.types("DO DRIVE 2,-80,1", 0.2)
-    assert cell.found() == ["not allowed"]
+    assert cell.found() == ["not permitted"]
     cell.types("ABORT")
-    assert cell.found() == ["not allowed"]
+    assert cell.found() == ["not permitted"]
 
 
 def test_calibrating_counts_as_moving() -> None:
     cell = Cell()
-    cell.motion_monitor.may_move(0.05, False)
+    cell.motion_monitor.motion_permitted(0.05, False)
     cell.types("CAL", 1.0)
     cell.types("Y")
-    assert cell.found() == ["not allowed"]
+    assert cell.found() == ["not permitted"]
 
 
 def test_what_was_typed_while_nothing_might_move_and_moves_nothing_is_no_matter() -> None:
     cell = Cell()
-    cell.motion_monitor.may_move(0.05, False)
+    cell.motion_monitor.motion_permitted(0.05, False)
     for line in (
         "WHERE",
         "STATUS",
@@ -117,19 +117,19 @@ def test_a_motion_after_a_stop_is_found_unless_somebody_said_that_it_may_move_ag
     cell.types(stop)
     assert cell.found() == []
     cell.types("DO DRIVE 2,-5,20")
-    assert cell.found() == ["after a stop"]
-    cell.motion_monitor.may_move(cell.now_s, True)
+    assert cell.found() == ["motion after stop"]
+    cell.motion_monitor.motion_permitted(cell.now_s, True)
     cell.types("DO DRIVE 2,-5,20")
-    assert cell.found() == ["after a stop"]
+    assert cell.found() == ["motion after stop"]
 
 
-@pytest.mark.parametrize(("stop", "found"), [("ABORT", ["after a stop"]), ("\x03", [])])
+@pytest.mark.parametrize(("stop", "found"), [("ABORT", ["motion after stop"]), ("\x03", [])])
 def test_a_character_that_stops_may_be_noise_where_the_line_is_spoiled_and_a_word_may_not(
     stop: str, found: list[str]
 ) -> None:
     """A noisy echo of a line that is typed again has no operator behind it."""
     cell = Cell()
-    cell.motion_monitor.line(cell.now_s, False)
+    cell.motion_monitor.line_works(cell.now_s, False)
     cell.types(stop)
     cell.types("DO DRIVE 2,-5,20")
     assert cell.found() == found
@@ -141,29 +141,29 @@ def test_a_stop_the_controller_does_not_know_counts_when_the_test_says_so() -> N
     cell.types("HALT!!", 0.1)
     cell.motion_monitor.stop_received(cell.now_s - 0.1, "HALT!!")
     cell.types("DO BREAK")
-    assert cell.found() == ["not at rest"]
+    assert cell.found() == ["stopped too late"]
     cell.types("DO DRIVE 1,5,50")
-    assert cell.found() == ["not at rest", "after a stop"]
+    assert cell.found() == ["stopped too late", "motion after stop"]
 
 
 def test_an_arm_that_brakes_too_long_after_a_stop_is_found() -> None:
     cell = Cell(rest_within_s=0.05)
     cell.types("DO DRIVE 2,-80,100", 0.5)
     cell.types("ABORT")
-    assert cell.found() == ["not at rest"]
+    assert cell.found() == ["stopped too late"]
 
 
 def test_an_arm_that_goes_on_when_it_might_not_move_any_more_is_found() -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-80,10", 0.5)
-    cell.motion_monitor.may_move(0.5, False)
+    cell.motion_monitor.motion_permitted(0.5, False)
     cell.types("DO BREAK")
-    assert cell.found() == ["not at rest"]
+    assert cell.found() == ["stopped too late"]
 
 
 def test_a_speed_typed_by_somebody_else_is_found_at_the_next_move() -> None:
     cell = Cell()
-    cell.motion_monitor.no_faster_than(cell.now_s, 20.0)
+    cell.motion_monitor.limit_speed(cell.now_s, 20.0)
     cell.types("SPEED 20")
     cell.types("DO DRIVE 2,-20,20")
     assert cell.found() == []
@@ -228,7 +228,7 @@ def test_what_is_let_go_high_is_found_unless_over_the_bin_or_told() -> None:
     assert cell.found() == []
     history.add(DropRecord(3.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
-    motion_monitor.may_drop(4.0)
+    motion_monitor.drop_permitted(4.0)
     history.add(DropRecord(5.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
 
@@ -239,7 +239,7 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
         cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
         cell.world.close_hand(tool)
         assert cell.world.held is not None
-        cell.motion_monitor.may_move(0.0, True)
+        cell.motion_monitor.motion_permitted(0.0, True)
         with cell.server.controller() as controller:
             controller.machine.by = "DO OPENI"
             controller.machine.hand(closed=False)
@@ -250,7 +250,7 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
 def cell_that_holds_a_cube(loop: SimulatedLoop) -> SimulatedCell:
     """The arm is 40 mm above the table, the cube's lowest corners 15 mm below the tool centre point."""
     cell = SimulatedCell(Path(__file__).parents[3] / "etc" / "simcell.yaml", seed=1, loop=loop)
-    cell.motion_monitor.may_move(0.0, True)
+    cell.motion_monitor.motion_permitted(0.0, True)
     tool = cell.world_from_tool()
     cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
     cell.world.close_hand(tool)
@@ -273,10 +273,10 @@ def test_whatever_takes_a_part_out_of_the_gripper_the_motion_monitor_knows(take:
     loop = SimulatedLoop()
     cell = cell_that_holds_a_cube(loop)
     assert cell.violations() == ()
-    assert cell.motion_monitor.carries == "cube", "also what nobody closed the jaws on by a line"
+    assert cell.motion_monitor.carried_label == "cube", "also what nobody closed the jaws on by a line"
     take(cell)
     assert cell.violations() == ()
-    assert cell.motion_monitor.carries is None
+    assert cell.motion_monitor.carried_label is None
     loop.close()
 
 
@@ -308,7 +308,7 @@ def test_a_part_that_somebody_else_had_the_gripper_close_on_is_carried_by_our_ne
     cell = Cell()
     cell.types(ABOVE_TABLE)
     corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
-    cell.types("DO CLOSEI", theirs=True)
+    cell.types("DO CLOSEI", by_others=True)
     cell.controller.machine.history.add(GraspRecord(cell.now_s, "DO CLOSEI", "cube", corners))
     cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
     assert cell.found() == ["pressed"]
@@ -320,33 +320,33 @@ def test_a_part_that_somebody_else_pressed_into_the_table_is_lifted_out_of_it_an
         cell = Cell()
         cell.types(ABOVE_TABLE)
         cell.controller.machine.history.add(GraspRecord(cell.now_s, "", "cube", corners))
-        cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", theirs=True)
+        cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", by_others=True)
         cell.types(f"DO MOVE TRANS(520,0,{then_z_mm:g},0,90,0)")
         assert cell.found() == found
     cell = Cell()
     cell.types(ABOVE_TABLE)
     cell.controller.machine.history.add(GraspRecord(cell.now_s, "", "cube", corners))
-    cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", theirs=True)
+    cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", by_others=True)
     cell.types(ABOVE_TABLE)
     cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
-    assert cell.found() == ["pressed"], "once it came clear, nothing of theirs counts"
+    assert cell.found() == ["pressed"], "once it came clear, nothing of by_others counts"
 
 
 def test_nothing_is_answered_for_of_a_line_of_somebody_else_s_and_all_of_the_same_line_typed_later() -> None:
     cell = Cell(fastest_percent=40.0)
-    cell.motion_monitor.may_move(0.0, False)
+    cell.motion_monitor.motion_permitted(0.0, False)
     for line in ("DO DRIVE 1,5,100", "DO CLOSEI", "ABORT"):
-        cell.types(line, theirs=True)
-    cell.motion_monitor.may_move(cell.now_s, True)
+        cell.types(line, by_others=True)
+    cell.motion_monitor.motion_permitted(cell.now_s, True)
     cell.types("DO OPENI")
-    assert cell.found() == [], "nor is a stop of theirs one of ours"
+    assert cell.found() == [], "nor is a stop of by_others one of ours"
     cell.types("DO DRIVE 1,5,100")
     assert cell.found() == ["too fast"]
 
 
 def test_a_motion_of_ours_that_was_typed_right_behind_one_of_theirs_answers_for_no_way_that_began_elsewhere() -> None:
     cell = Cell(longest_step_mm=20.0)
-    cell.types("DO DRIVE 1,25,100", 0.2, theirs=True)
+    cell.types("DO DRIVE 1,25,100", 0.2, by_others=True)
     assert cell.found() == [], "nor while it is under way"
     cell.types("DO DRIVE 1,25,100")
     assert cell.found() == []
@@ -375,11 +375,11 @@ def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_nea
     cell = Cell(keep_out=[Box([700.0, 500.0, 0.0], [750.0, 600.0, 50.0])])
     cell.types("DO MOVE TRANS(500,-450,-285,0,90,0)")
     cell.types("DO MOVE TRANS(500,450,-285,0,90,0)")
-    times, balls, _ = cell.motion_monitor._way(cell.controller.arm.motion)
+    times, balls, _ = cell.motion_monitor._sampled_path(cell.controller.arm.motion)
     moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1)
     away = -np.max([deep.max(axis=1) for deep in cell.motion_monitor._depths(balls).values()], axis=0)
-    assert np.all((moved <= APART_MM) | (away[1:] >= 2 * moved))
-    assert np.count_nonzero(moved < APART_MM) > 50
+    assert np.all((moved <= SAMPLE_MM) | (away[1:] >= 2 * moved))
+    assert np.count_nonzero(moved < SAMPLE_MM) > 50
     assert times[0] == cell.controller.arm.motion.started_s
     assert times[-1] == cell.controller.arm.rests_s
 
@@ -389,8 +389,8 @@ def test_more_than_is_kept_between_two_questions_is_no_clean_run() -> None:
     for k in range(KEPT + 1):
         cell.controller.machine.history.add(StopRecord(float(k), "ABORT"))
     cell.now_s = 1e6
-    assert cell.found() == ["not judged"]
-    assert cell.found() == ["not judged"]
+    assert cell.found() == ["not checked"]
+    assert cell.found() == ["not checked"]
 
 
 def test_what_was_judged_once_is_not_judged_again() -> None:
@@ -406,19 +406,19 @@ def test_what_was_judged_once_is_not_judged_again() -> None:
     assert len(asked) == once > 0
 
 
-@pytest.mark.parametrize(("again_s", "rules"), [(None, []), (1.0, ["not at rest"]), (60.0, [])])
+@pytest.mark.parametrize(("again_s", "rules"), [(None, []), (1.0, ["stopped too late"]), (60.0, [])])
 def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | None, rules: list[str]) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-80,5", 0.5)
-    cell.motion_monitor.line(cell.now_s, False)
+    cell.motion_monitor.line_works(cell.now_s, False)
     cell.motion_monitor.stop_received(cell.now_s + 0.1, "a stop")
-    cell.motion_monitor.may_move(cell.now_s + 0.1, False)
+    cell.motion_monitor.motion_permitted(cell.now_s + 0.1, False)
     if again_s is not None:
-        cell.motion_monitor.line(cell.now_s + again_s, True)
+        cell.motion_monitor.line_works(cell.now_s + again_s, True)
     cell.types("DO BREAK", 100.0)
     assert cell.found() == rules
     cell.types("DO OPENI")
-    assert cell.found() == [*rules, "not allowed", "after a stop"], "that something sets out is another matter"
+    assert cell.found() == [*rules, "not permitted", "motion after stop"], "that something sets out is another matter"
 
 
 @pytest.mark.parametrize("line", ["DO OPENI", "DO DRIVE 1,5,50"])
@@ -426,8 +426,8 @@ def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | Non
     ("hears", "typed_s", "rules"),
     [
         (False, 0.0, []),
-        (True, 0.0, ["not allowed", "after a stop"]),
-        (False, 0.2, ["not allowed", "after a stop"]),
+        (True, 0.0, ["not permitted", "motion after stop"]),
+        (False, 0.2, ["not permitted", "motion after stop"]),
     ],
 )
 def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line_before_and_could_not_be_told(
@@ -437,9 +437,9 @@ def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line
     cell = Cell(rest_within_s=30.0)
     cell.types("DO DRIVE 2,-10,20", 0.1)
     now_s = cell.now_s
-    cell.motion_monitor.line(now_s, hears)
+    cell.motion_monitor.line_works(now_s, hears)
     cell.motion_monitor.stop_received(now_s + 0.1, "a stop")
-    cell.motion_monitor.may_move(now_s + 0.1, False)
+    cell.motion_monitor.motion_permitted(now_s + 0.1, False)
     cell.now_s += typed_s
     cell.types(line)
     assert cell.found() == rules
@@ -448,41 +448,41 @@ def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line
 def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question() -> None:
     cell = Cell()
     cell.types("CAL", 1.0)
-    cell.motion_monitor.line(cell.now_s, False)
-    cell.motion_monitor.may_move(cell.now_s, False)
+    cell.motion_monitor.line_works(cell.now_s, False)
+    cell.motion_monitor.motion_permitted(cell.now_s, False)
     cell.types("Y")
-    assert cell.found() == ["not allowed"]
+    assert cell.found() == ["not permitted"]
 
 
-@pytest.mark.parametrize(("before_s", "rules"), [(1.0, ["said to rest"]), (0.02, []), (-0.5, [])])
+@pytest.mark.parametrize(("before_s", "rules"), [(1.0, ["rest reported early"]), (0.02, []), (-0.5, [])])
 def test_who_says_that_the_arm_is_at_rest_while_it_moves_is_found(before_s: float, rules: list[str]) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-40,20", 0.5)
-    cell.motion_monitor.said_to_rest(cell.controller.arm.rests_s - before_s, "Nothing moves.")
+    cell.motion_monitor.rest_reported(cell.controller.arm.rests_s - before_s, "Nothing moves.")
     cell.types("DO BREAK")
     assert cell.found() == rules
 
 
 def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_not() -> None:
     cell = Cell(longest_step_mm=50.0)
-    cell.motion_monitor.no_faster_than(cell.now_s, 20.0)
+    cell.motion_monitor.limit_speed(cell.now_s, 20.0)
     cell.types("SPEED 100")
-    cell.motion_monitor.by_hand(cell.now_s, ABOVE_TABLE)
+    cell.motion_monitor.typed_by_person(cell.now_s, ABOVE_TABLE)
     cell.types(ABOVE_TABLE)
     assert cell.found() == []
     cell.types("DO DRIVE 1,30,100")
     assert set(cell.found()) == {"too fast", "step too long"}
     before = len(cell.found())
-    cell.motion_monitor.may_move(cell.now_s, False)
+    cell.motion_monitor.motion_permitted(cell.now_s, False)
     cell.types(ABOVE_TABLE)
-    assert cell.found()[before:] == ["not allowed"]
+    assert cell.found()[before:] == ["not permitted"]
 
 
 def test_the_way_out_of_where_a_person_sent_the_arm_is_nobody_s_fault_as_long_as_it_is_a_way_out() -> None:
     """Their own line takes the fingers into a box: out again is fair, deeper is not, nor is coming back."""
     in_box = "DO MOVE TRANS(520,0,-180,0,90,0)"
     cell = Cell(keep_out=[Box([400.0, -120.0, -400.0], [640.0, 120.0, -170.0])])
-    cell.motion_monitor.by_hand(cell.now_s, in_box)
+    cell.motion_monitor.typed_by_person(cell.now_s, in_box)
     cell.types(ABOVE_TABLE)
     cell.types(in_box)
     cell.types("DO MOVES TRANS(520,0,-176,0,90,0)")
@@ -524,44 +524,44 @@ def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> Non
 
 
 @pytest.mark.parametrize("line", ["DO READY", "DO CLOSEI"])
-@pytest.mark.parametrize("after_s", [0.9 * TYPED_S, 1.1 * TYPED_S])
+@pytest.mark.parametrize("after_s", [0.9 * TYPING_S, 1.1 * TYPING_S])
 def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before_must_have_been_typed(
     line: str, after_s: float
 ) -> None:
     cell = Cell()
-    cell.motion_monitor.held(cell.now_s, True)
+    cell.motion_monitor.motion_held(cell.now_s, True)
     cell.types("", after_s)
     cell.types(line)
-    assert cell.found() == ["while held"] * (after_s > TYPED_S)
-    cell.motion_monitor.held(cell.now_s, False)
+    assert cell.found() == ["motion while held"] * (after_s > TYPING_S)
+    cell.motion_monitor.motion_held(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
-    assert len(cell.found()) == (after_s > TYPED_S)
+    assert len(cell.found()) == (after_s > TYPING_S)
 
 
 def test_a_motion_typed_while_moves_were_held_over_a_line_that_carried_nothing_may_have_been_let_go_before() -> None:
     cell = Cell()
-    cell.motion_monitor.line(cell.now_s, False)
-    cell.motion_monitor.held(cell.now_s, True)
+    cell.motion_monitor.line_works(cell.now_s, False)
+    cell.motion_monitor.motion_held(cell.now_s, True)
     cell.types("", 3.0)
-    cell.motion_monitor.line(cell.now_s, True)
+    cell.motion_monitor.line_works(cell.now_s, True)
     cell.types("DO READY")
     assert cell.found() == []
 
 
 def test_of_motions_that_each_wait_for_a_yes_no_more_are_made_than_yeses_were_said() -> None:
     cell = Cell()
-    cell.motion_monitor.yes(cell.now_s)
+    cell.motion_monitor.confirmed(cell.now_s)
     cell.types("", 1.0)
-    cell.motion_monitor.each_asked(cell.now_s, True)
+    cell.motion_monitor.confirm_each(cell.now_s, True)
     cell.types("DO DRIVE 1,5,50", 3.0)
-    cell.motion_monitor.yes(cell.now_s)
+    cell.motion_monitor.confirmed(cell.now_s)
     cell.types("DO DRIVE 1,5,50")
     assert cell.found() == []
     cell.types("DO CLOSEI")
-    assert cell.found() == ["not asked"]
-    cell.motion_monitor.each_asked(cell.now_s, False)
+    assert cell.found() == ["not confirmed"]
+    cell.motion_monitor.confirm_each(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
-    assert cell.found() == ["not asked"]
+    assert cell.found() == ["not confirmed"]
 
 
 @pytest.mark.parametrize(("z_mm", "found"), [(-259.0, []), (-260.5, []), (-262.5, ["pressed"])])

@@ -131,7 +131,7 @@ def test_the_whole_cell_lives_in_simulated_time() -> None:
         await link.open()
         cell.camera.open()
         cell.world.stand("cube", 0, 520.0, 0.0, 0.0)
-        cell.motion_monitor.may_move(loop.time(), True)
+        cell.motion_monitor.motion_permitted(loop.time(), True)
         target = Location(520.0, 0.0, 60.0, 0.0, 90.0, 0.0)
         await ready(link)
         await link.move(target)

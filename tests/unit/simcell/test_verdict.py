@@ -23,8 +23,8 @@ def test_motions_and_violations_are_written_as_they_are_found_each_once(tmp_path
         until(lambda: any(isinstance(event, GripperRecord) for event in cell.controller.machine.history))
     ended_s = time.monotonic()
     lines = [json.loads(text) for text in file.read_text().splitlines()]
-    motions = [line for line in lines if "set_out_s" in line]
+    motions = [line for line in lines if "started_s" in line]
     assert [line["by"] for line in motions] == ["DO MOVE TRANS(520,0,-295,0,90,0)", "DO OPENI"]
-    assert all(began_s < line["set_out_s"] < ended_s for line in motions)
+    assert all(began_s < line["started_s"] < ended_s for line in motions)
     assert {line["rule"] for line in lines if "rule" in line} >= {"step too long", "below the table"}
     assert len(lines) == len({json.dumps(line) for line in lines})

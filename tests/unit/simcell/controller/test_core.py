@@ -487,10 +487,10 @@ def test_a_program_is_carried_out_instruction_by_instruction_and_what_is_typed_m
     np.testing.assert_allclose(turned, [-10.0, 0, 0, 0, 0, 0], atol=0.1)
 
 
-def theirs(terminal: Terminal) -> list[tuple[str, bool]]:
+def typed_by_others(terminal: Terminal) -> list[tuple[str, bool]]:
     """Of motions, stops and the gripper's acts so far: the line, and whether it was somebody else's."""
     acts = (MotionRecord, StopRecord, GripperRecord)
-    return [(e.by, e.theirs) for e in terminal.controller.machine.history if isinstance(e, acts)]
+    return [(e.by, e.by_others) for e in terminal.controller.machine.history if isinstance(e, acts)]
 
 
 def test_a_line_is_whose_end_it_has_whatever_noise_or_half_a_line_before_it_made_of_it(terminal: Terminal) -> None:
@@ -499,30 +499,30 @@ def test_a_line_is_whose_end_it_has_whatever_noise_or_half_a_line_before_it_made
     controller = terminal.controller
     faults = controller.faults
     controller.receive(b"DO DRIVE 1,", 0.0)
-    controller.receive(b"5,50\r", 0.0, theirs=True)
+    controller.receive(b"5,50\r", 0.0, by_others=True)
     terminal.waits(10.0)
     faults.line.append(LineFault("to_controller", "flip", after=12))
-    controller.receive(b"DO DRIVE 1,-5,50\r", 10.0, theirs=True)
+    controller.receive(b"DO DRIVE 1,-5,50\r", 10.0, by_others=True)
     terminal.waits(10.0)
-    controller.receive(b"DO DRIVE 1,5,5", 20.0, theirs=True)
+    controller.receive(b"DO DRIVE 1,5,5", 20.0, by_others=True)
     controller.receive(b"0\r", 20.0)
     terminal.waits(10.0)
     ours, mixed = "DO DRIVE 1,5,50", "DO DRIVE 1,-4,50"
-    assert theirs(terminal) == [(ours, True), (mixed, True), (ours, False)]
+    assert typed_by_others(terminal) == [(ours, True), (mixed, True), (ours, False)]
 
 
 def test_what_was_typed_ahead_by_another_is_theirs_when_its_turn_comes_and_so_is_their_stop() -> None:
     terminal = Terminal(Manners(prompt_after_move="end"))
     controller = terminal.controller
     controller.receive(b"DO DRIVE 1,5,50\r", 0.0)
-    controller.receive(b"DO CLOSEI\r", 0.0, theirs=True)
+    controller.receive(b"DO CLOSEI\r", 0.0, by_others=True)
     controller.receive(b"DO OPENI\r", 0.0)
     terminal.waits(20.0)
     controller.receive(b"DO DRIVE 1,5,50\r", 20.0)
-    controller.receive(b"ABORT\r", 20.1, theirs=True)
+    controller.receive(b"ABORT\r", 20.1, by_others=True)
     terminal.waits(5.0)
-    controller.receive(b"\x03", 25.0, theirs=True)
-    assert theirs(terminal) == [
+    controller.receive(b"\x03", 25.0, by_others=True)
+    assert typed_by_others(terminal) == [
         ("DO DRIVE 1,5,50", False),
         ("DO CLOSEI", True),
         ("DO OPENI", False),
@@ -535,4 +535,4 @@ def test_what_was_typed_ahead_by_another_is_theirs_when_its_turn_comes_and_so_is
 def test_what_the_pendant_moves_is_theirs(terminal: Terminal) -> None:
     machine = terminal.controller.machine
     machine.drive_by_pendant(machine.joints() + 0.1)
-    assert theirs(terminal) == [(PENDANT, True)]
+    assert typed_by_others(terminal) == [(PENDANT, True)]
