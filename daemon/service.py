@@ -43,7 +43,7 @@ from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
 from daemon.signals.input_form import load_form
-from daemon.signals.modbus import ModbusError, ModbusServer, PLCInputs, handed_in
+from daemon.signals.modbus import ModbusError, ModbusServer, PLCInputs, inherited_socket
 from daemon.signals.packml import PackMLState
 from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import ModbusSettings
@@ -309,7 +309,7 @@ class Service:
     def _serve_modbus(self, context: CommandContext, settings: ModbusSettings) -> None:
         """Serve a PLC on the socket that systemd handed in; without one no PLC permits anything. Raises ModbusError
         without the extra."""
-        listener = handed_in()
+        listener = inherited_socket()
         if listener is None:
             text = "no socket was handed in: `systemctl enable --now facetd-modbus.socket`, then restart facetd"
             context.troubles.report("modbus", f"modbus: {text}")

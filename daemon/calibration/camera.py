@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.calibration.board import Board, DetectedBoard
 from daemon.calibration.stereo import MIN_PAIRS, WORST_SHARE, StereoError
-from daemon.pick.moved_pair import USUAL_MM
+from daemon.pick.moved_pair import USUAL_BASELINE_MM
 from daemon.vision.geometry import Camera
 
 OUTLIER = 2.5
@@ -60,6 +60,6 @@ def calibrate_camera(
             f"the views are too similar: they give the focal length to {100 * sigma_px / matrix[0, 0]:.1f} % only; "
             "tilt the board about both of its axes, near and far"
         )
-    place = frames.rigid(np.eye(3), np.array([-USUAL_MM / 2, 0.0, 0.0]))
+    place = frames.rigid(np.eye(3), np.array([-USUAL_BASELINE_MM / 2, 0.0, 0.0]))
     camera = Camera(np.asarray(matrix, float), np.asarray(distortion, float).ravel()[:5], place)
     return CameraResult(camera, float(rms), sigma_px, tuple(name for name, _ in kept), dropped)

@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arm import CameraName
 from daemon.arrays import Array
 from daemon.calibration.stereo import StereoResult
-from daemon.pick.moved_pair import USUAL_MM
+from daemon.pick.moved_pair import USUAL_BASELINE_MM
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import ConfigError, Document, Key, parse, read
 from daemon.vision.geometry import Camera, StereoRig
@@ -175,7 +175,7 @@ def _hand_eye(document: Document, entry: _HandEye | None, name: str) -> Array | 
 
 def rig_of_one(camera: Camera, image_size: tuple[int, int]) -> StereoRig:
     """The rig of a usual moved pair of one camera, in the frame of its calibration."""
-    second = camera.cyclopean_from_camera @ frames.rigid(np.eye(3), np.array([USUAL_MM, 0.0, 0.0]))
+    second = camera.cyclopean_from_camera @ frames.rigid(np.eye(3), np.array([USUAL_BASELINE_MM, 0.0, 0.0]))
     return StereoRig(camera, replace(camera, cyclopean_from_camera=second), image_size)
 
 

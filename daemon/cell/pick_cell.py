@@ -23,7 +23,7 @@ from daemon.cell.hardware import Hardware
 from daemon.cell.sections import guarded
 from daemon.compute.calls import Compute
 from daemon.config import Config
-from daemon.pick.moved_pair import seen_by_one
+from daemon.pick.moved_pair import rig_of_one_camera
 from daemon.pick.place_table import PlaceTable
 from daemon.pick.planning import fixture_boxes
 from daemon.pick.pose_fusion import Doubt
@@ -43,7 +43,7 @@ def pick_cell(
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
     rig, alone = calibration.rig, hardware.cameras.alone
     if alone is not None:
-        rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
+        rig, tool_from_cyclopean = rig_of_one_camera(rig, tool_from_cyclopean, alone)
     settings = config.values.pick
     keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
     limits = replace(guarded(config, hardware.robot.kinematics), keep_out=keep_out)

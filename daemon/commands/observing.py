@@ -20,7 +20,7 @@ from daemon.console.text_layout import table
 from daemon.errors import CommandError
 from daemon.maintenance.doctor import mend_of
 from daemon.maintenance.journal import fault_line
-from daemon.pick.find import in_all
+from daemon.pick.find import describe_parts
 from daemon.pick.looks import Look
 from daemon.pick.transitions import SHOWN
 from daemon.pick.world import WorldModel
@@ -166,13 +166,13 @@ def around_result(known: WorldModel, columns: int) -> CommandResult:
     texts = [f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, 2)]
     for part in known.found:
         x, y, z = part.centre
-        name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
-        why = "" if part.named else f": {part.taken_for.reason}"
+        name = f"{part.label} ({100 * part.recognition.confidence:.1f} %)" if part.named else "without a name"
+        why = "" if part.named else f": {part.recognition.reason}"
         texts.append(f"{name} at world x {x:.0f} y {y:.0f} z {z:.0f} mm{why}")
-    texts.append(f"{plural(len(known.looks), 'look')}: {in_all(known.found)}.")
+    texts.append(f"{plural(len(known.looks), 'look')}: {describe_parts(known.found)}.")
     lines = [line for text in texts for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
     data = {"looks": len(known.looks), "gained": [vars(g) for g in known.gained]}
-    parts = [{"label": p.label, "confidence": p.taken_for.confidence, "at": p.centre.tolist()} for p in known.found]
+    parts = [{"label": p.label, "confidence": p.recognition.confidence, "at": p.centre.tolist()} for p in known.found]
     return CommandResult("\n".join(lines), {**data, "parts": parts}, 0 if all(p.named for p in known.found) else 1)
 
 

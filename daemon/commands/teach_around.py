@@ -10,7 +10,7 @@ from daemon.console.phrases import plural
 from daemon.errors import CommandError
 from daemon.events.records import Json
 from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoSinglePartError
-from daemon.pick.fused_objects import seen_from
+from daemon.pick.fused_objects import look_facets
 from daemon.pick.looks import Look
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.settings import Settings
@@ -48,7 +48,7 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
 def _fused_part(thing: CircledPart, looks: list[Look], settings: Settings, library: FacetLibrary) -> LearntPart:
     """The part that the looks together show. Raises TeachError."""
     doubt, table_z_mm = settings.doubt, settings.limits.table_z_mm
-    seen = [seen_from(look, thing.groups_in(look), doubt) for look in looks]
+    seen = [look_facets(look, thing.groups_in(look), doubt) for look in looks]
     return learn_from_looks(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
 
 

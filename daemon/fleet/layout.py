@@ -172,7 +172,7 @@ def _looks(run: Digest) -> list[Row]:
 def _parts(run: Digest) -> list[Row]:
     proofs = proofs_of(run)
     return [
-        _part(look, number, part, proven_as(part, look, proofs.get(id(look))))
+        _part(look, number, part, proven_label(part, look, proofs.get(id(look))))
         for look in run.of("look")
         for number, part in enumerate(parts_of(look))
     ]
@@ -211,7 +211,7 @@ def proofs_of(run: Digest) -> dict[int, Proof]:
     return found
 
 
-def proven_as(part: Record, look: Record, proof: Proof | None) -> str | None:
+def proven_label(part: Record, look: Record, proof: Proof | None) -> str | None:
     """The name under which the pick held this part; None where the pick did not prove it."""
     place = place_mm(part, look)
     if proof is None or place is None or np.linalg.norm(place - proof[1]) > NEAR_MM:

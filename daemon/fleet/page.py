@@ -19,7 +19,7 @@ from daemon.events.outcomes import DEFINITION
 from daemon.events.records import Json
 from daemon.events.upgrade import read_prose
 from daemon.fleet.store import Store, StoreError
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
 from daemon.review.production import NONE_CHOSEN, shares_apart
@@ -55,12 +55,12 @@ def fleet_data(store: Store, days: int) -> Json:
     months = sorted({f.split("month=")[1].split("/")[0] for f in store.fs.glob(store.path("tables/runs/*/*/*"))})
     if not months:
         raise StoreError(f"{store.url}: no runs in it yet: `facetctl runs collect CELL=RUNS --into {store.url}`")
-    last = opened(store, months[-1:]).execute("SELECT max(day) FROM runs").fetchone()[0]
+    last = open_views(store, months[-1:]).execute("SELECT max(day) FROM runs").fetchone()[0]
     first = last - timedelta(days=days - 1)
     since = first - BEFORE
     calibrated = _calibrated(store, months)
     needed = {f"{day:%Y-%m}" for day in (*(c[0] for c in calibrated.values()), *(c[1] for c in calibrated.values()))}
-    views = opened(store, [m for m in months if f"{since:%Y-%m}" <= m <= f"{last:%Y-%m}" or m in needed])
+    views = open_views(store, [m for m in months if f"{since:%Y-%m}" <= m <= f"{last:%Y-%m}" or m in needed])
     between = f"day BETWEEN '{first}' AND '{last}'"
     of: Callable[[str], list[tuple[Any, ...]]] = lambda sql: views.execute(sql).fetchall()  # noqa: E731
     shown = [first + timedelta(days=k) for k in range(days)]
@@ -89,7 +89,7 @@ def fleet_data(store: Store, days: int) -> Json:
 
 def _calibrated(store: Store, months: Sequence[str]) -> dict[str, tuple[date, date]]:
     """Cell -> first and last day of the period after its present calibration that gives its usual camera angles."""
-    rows = opened(store, months).execute(
+    rows = open_views(store, months).execute(
         """SELECT cell, min(day) FROM runs JOIN (SELECT cell, arg_max(calibration, t) AS now FROM runs GROUP BY cell)
         USING (cell) WHERE calibration IS NOT DISTINCT FROM now GROUP BY cell"""
     )
@@ -167,7 +167,7 @@ def _set_states(cells: Sequence[Json], last: date) -> None:
             most = [f"{count} × {name}" for name, count in cell["faults"].items()]
             findings.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
         cell["weak"] = sorted(name for name, of in cell["parts"].items() if is_worse(of, _without(all_parts[name], of)))
-        findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_dark(cell)]
+        findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_too_dark(cell)]
         cell["findings"] = [list(one) for one in findings]
         cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in findings)), "well")
 
@@ -203,7 +203,7 @@ def _drifts(cell: Json) -> list[tuple[str, str]]:
     return found
 
 
-def _dark(cell: Json) -> list[tuple[str, str]]:
+def _too_dark(cell: Json) -> list[tuple[str, str]]:
     measured = [light for light in cell["light"] if light is not None]
     limit = MEASURES["darkness"].limit
     if measured and measured[-1] < limit / NEAR:

@@ -19,7 +19,7 @@ from daemon.config import load_config
 from daemon.events.records import Json
 from daemon.fleet.replay_results import result_of
 from daemon.fleet.store import Store, StoreError, open_store
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import ReplayInputs, replayed_looks
@@ -121,7 +121,7 @@ def cell_of(folder: Path, run: Digest) -> str:
 def runs_in_store(store: Store) -> list[Run]:
     """Every collected run that has looks. Raises StoreError."""
     query = "SELECT cell, run, list(seq ORDER BY seq) FROM looks GROUP BY cell, run"
-    looks = {(cell, run): tuple(seqs) for cell, run, seqs in opened(store).execute(query).fetchall()}
+    looks = {(cell, run): tuple(seqs) for cell, run, seqs in open_views(store).execute(query).fetchall()}
     collected = sorted(store.collected().items())
     return [Run(*key, short, store.url, True, looks[key]) for key, short in collected if looks.get(key)]
 

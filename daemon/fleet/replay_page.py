@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.events.records import Json, Record, record_of
-from daemon.fleet.replay_results import kinds_of
+from daemon.fleet.replay_results import count_by_kind
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import LookStep
 from daemon.review.page import PAGE_BYTES, embedded, jpeg_of, render
@@ -39,7 +39,7 @@ def write_replay_page(
         "title": "a replay",
         "total": total,
         "with": [_called(name) for name in chosen] or ["today's release"],
-        "kinds": kinds_of(found),
+        "kinds": count_by_kind(found),
         "differences": rows,
         "more": max(len(found) - SHOWN, 0),
     }

@@ -10,9 +10,9 @@ from statistics import median
 from typing import Any
 
 from daemon.events.records import Json
-from daemon.fleet.layout import Proof, proofs_of, proven_as
+from daemon.fleet.layout import Proof, proofs_of, proven_label
 from daemon.review.digest import Digest
-from daemon.review.replay import ReplayedLook, apart_mm, paired, untimed
+from daemon.review.replay import ReplayedLook, apart_mm, paired, without_timing
 
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
 """99th-percentile brightness of the darker camera image, in grey levels."""
@@ -44,7 +44,7 @@ def _look(seen: ReplayedLook, proof: Proof | None) -> Json:
         "identical": seen.identical,
         "changes": [asdict(change) for change in seen.changes],
         "parts": [_pair(then, now, seen, proof) for then, now in paired(seen.then, seen.now)],
-        "now": untimed(seen.now) if seen.changes else None,
+        "now": without_timing(seen.now) if seen.changes else None,
     }
 
 
@@ -53,7 +53,7 @@ def _pair(then: Json | None, now: Json | None, seen: ReplayedLook, proof: Proof 
     return {
         "then": then and then["label"],
         "now": now and now["label"],
-        "proved": proven_as(then or now or {}, seen.record, proof),
+        "proved": proven_label(then or now or {}, seen.record, proof),
         "mm": None if off is None else round(off, 4),
     }
 
@@ -143,7 +143,7 @@ def differences(results: Sequence[tuple[str, Json]]) -> list[Json]:
     return sorted(found, key=lambda one: (*weight(one), one["cell"], one["run"], one["seq"]))
 
 
-def kinds_of(found: Sequence[Json]) -> dict[str, int]:
+def count_by_kind(found: Sequence[Json]) -> dict[str, int]:
     """How often a name became another: `cube -> unknown`."""
     pairs = [(pair["then"], pair["now"]) for one in found if one["whole"] for pair in one["parts"]]
     renamed = Counter(f"{then or 'nothing'} -> {now or 'nothing'}" for then, now in pairs if then != now)

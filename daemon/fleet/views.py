@@ -34,7 +34,7 @@ UPGRADED = {
 counted as tried, and some causes had other names."""
 
 
-def opened(store: Store, months: Sequence[str] | None = None) -> Any:
+def open_views(store: Store, months: Sequence[str] | None = None) -> Any:
     """Open DuckDB with a view for each table. months: only these (`2026-11`). Raises StoreError."""
     with needing("fleet", "questions to many cells", StoreError):
         import duckdb

@@ -11,9 +11,9 @@ from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
-from daemon.pick.following import NEAR_MM, Target, beside, expected_at, fitted, others, sighted
+from daemon.pick.following import NEAR_MM, Target, chi_squares_of_others, expected_at, fitted, other_parts, sighted
 from daemon.pick.looks import whole_look
-from daemon.pick.planning import enough, next_stand_off, same_grasp, side_that_shows
+from daemon.pick.planning import enough, next_stand_off, same_grasp, side_that_shows_turn
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.transitions import PickEvent
@@ -66,22 +66,22 @@ async def looking(
         return PickEvent.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
-        return await _elsewhere(
+        return await _plan_again_or_skip(
             context, world, "its corners are not where the look before measured them", DecisionCode.MOVED_BETWEEN_LOOKS
         )
     world.failures += 1
-    world.odd["not found at the expected position"] += 1
+    world.disagreements["not found at the expected position"] += 1
     why = f"not seen where it was at look {target.looks}"
-    if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
+    if len(world.unseen_directions_of(target.centre)) >= context.settings.views_of_doubtful:
         skip(context, world, Outcome.LOST, target, why, DecisionCode.NOT_SEEN_AGAIN)
         return PickEvent.LOST
-    world.unseen_from.append((target.centre, seen.world_from_cyclopean[:3, 3] - target.centre))
+    world.unseen_directions.append((target.centre, seen.world_from_cyclopean[:3, 3] - target.centre))
     code = DecisionCode.NOT_SEEN_AGAIN
     context.decide(f"approach {target.label} from another side", why, code, label=target.label)
     return PickEvent.ELSEWHERE
 
 
-async def _elsewhere(
+async def _plan_again_or_skip(
     context: PickContext, world: WorldModel, why: str, code: DecisionCode
 ) -> Literal[PickEvent.ELSEWHERE, PickEvent.LOST]:
     """The target does not lie as expected: plan again, or skip it."""
@@ -97,14 +97,14 @@ async def estimating(
     chi = 0.0
     if len(target.sightings) > 1:
         chi = pose_fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
-    if chi > CHI_SQUARE_6 and await _blame(context, world, target, chi) == "unclear":
+    if chi > CHI_SQUARE_6 and await _diagnose_disagreement(context, world, target, chi) == "unclear":
         return PickEvent.DOUBT
     estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
     plan = await context.cell.compute(same_grasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the planned grasp does not fit the pose in which the part lies"
-        return await _elsewhere(context, world, why, DecisionCode.PLANNED_AGAIN)
+        return await _plan_again_or_skip(context, world, why, DecisionCode.PLANNED_AGAIN)
     target.plan = plan
     context.cell.log.record(
         "estimate",
@@ -121,24 +121,22 @@ async def estimating(
     if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, free_axis):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
-        await _look_from_a_side(context, target, free_axis)
+        await _choose_side_view(context, target, free_axis)
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
     if enough(estimate, len(target.sightings), settings.stops, VERTICAL):
-        why += (
-            f"; how it is turned about the vertical {_where_unseen(context, target)}{_where_any_turn_will_do(target)}"
-        )
+        why += f"; how it is turned about the vertical {_where_turn_is_hidden(context, target)}{_any_turn_hint(target)}"
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
 
 
-async def _look_from_a_side(context: PickContext, target: Target, free_axis: Array | None) -> None:
+async def _choose_side_view(context: PickContext, target: Target, free_axis: Array | None) -> None:
     """Choose the side to look from next, where looks along the approach cannot settle how the part lies."""
     cell, mounting = context.cell, context.cell.mounting
     if target.side_view is not None or not isinstance(mounting, OnHand) or cell.alone is not None:
         return
     known = target.shape, target.sightings, target.look_rotation, context.settings, mounting, cell.rig
-    side = await cell.compute(side_that_shows, *known, context.mover.reach, free_axis)
+    side = await cell.compute(side_that_shows_turn, *known, context.mover.reach, free_axis)
     if side is None:
         return
     target.side_view = side
@@ -147,7 +145,7 @@ async def _look_from_a_side(context: PickContext, target: Target, free_axis: Arr
     context.decide(f"look at {target.label} from a side", why, DecisionCode.LOOKED_AGAIN, label=target.label)
 
 
-def _where_unseen(context: PickContext, target: Target) -> str:
+def _where_turn_is_hidden(context: PickContext, target: Target) -> str:
     """From where the turn of the target does not show, in words."""
     if not isinstance(context.cell.mounting, OnHand):
         return "does not show to the fixed cameras"
@@ -156,7 +154,7 @@ def _where_unseen(context: PickContext, target: Target) -> str:
     return "shows from no side in reach" if target.side_view is None else "does not show well enough from a side either"
 
 
-def _where_any_turn_will_do(target: Target) -> str:
+def _any_turn_hint(target: Target) -> str:
     """What a person can do for a part that is to go to a place, in words."""
     if target.way is None:
         return ""
@@ -175,7 +173,9 @@ def _free_axis(target: Target) -> Array | None:
     return None if axis is None else np.asarray(target.world_from_part[:3, :3] @ axis.direction)
 
 
-async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:
+async def _diagnose_disagreement(
+    context: PickContext, world: WorldModel, target: Target, chi: float
+) -> Literal["part", "unclear"]:
     """Two looks disagree: which is suspect? Where the part moved, the newest look alone counts from now on; where that
     does not show from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame, and
     MovedByOthersError where somebody moved the arm."""
@@ -183,22 +183,22 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     settings, recogniser, compute = context.settings, context.recogniser, context.cell.compute
     await context.mover.still_there(f"looks {target.looks - 1} and {target.looks} disagree")
     before, now = [await whole_look(compute, recogniser, seen) for seen in (target.looked_before, target.look)]
-    old, new = others(target, before), others(target, now)
-    moved = await compute(beside, old, new, recogniser.shape, context.cell.rig, settings.doubt)
+    old, new = other_parts(target, before), other_parts(target, now)
+    moved = await compute(chi_squares_of_others, old, new, recogniser.shape, context.cell.rig, settings.doubt)
     who = "camera" if now.epipolar_px > settings.epipolar_limit_px else pose_fusion.suspect(moved)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}; the limit is {CHI_SQUARE_6:g})"
     context.decide(f"suspect: {who}", text, suspected(who), label=target.label, chi2=chi)
-    world.odd["two looks at the part differ by more than their errors allow"] += 1
+    world.disagreements["two looks at the part differ by more than their errors allow"] += 1
     if who in ("camera", "hand-eye") or target.restarts:
         raise SuspectError(f"{text}; likely cause: {who}; `calibrate verify`", who)
     target.restarts += 1
     del target.sightings[:-1]
     if who == "part":
         return "part"
-    world.doubts += 1
-    if world.doubts > settings.tries:  # the look at the table showed each time that nothing else had moved
-        often = f"{world.doubts} approaches in one pick, and nothing else moved"
+    world.disagreement_count += 1
+    if world.disagreement_count > settings.tries:  # the look at the table showed each time that nothing else had moved
+        often = f"{world.disagreement_count} approaches in one pick, and nothing else moved"
         raise SuspectError(f"{text}, {often}; likely cause: hand-eye; `calibrate verify`", "hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
-    world.questioned = BeforeDisagreement([p for p in world.found if p not in itself], itself)
+    world.before_disagreement = BeforeDisagreement([p for p in world.found if p not in itself], itself)
     return "unclear"

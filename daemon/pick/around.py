@@ -23,7 +23,7 @@ TILTS_DEG = (20.0, 30.0, 40.0, 50.0, 60.0)
 LEANS_DEG, TILT_COUNTS = (55.0, 45.0), 1.5
 """How the tool leans by turns, from straight down, and how much a degree of that counts beside one of heading: low
 enough to face upright sides, high enough to face what is on top."""
-NEAREST_MM, FILLED = 280.0, 0.19
+NEAREST_MM, FIELD_SHARE = 280.0, 0.19
 """How near the cameras go, and of the distance what half the thing may be: it must lie whole in both images, askew and
 not quite in the middle."""
 REACH, BESIDE_MM = 1.5, 15.0
@@ -65,12 +65,12 @@ def single_part_in(look: Look) -> CircledPart:
     return CircledPart(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
-def tour_round(
+def viewpoints_around(
     thing: CircledPart, count: int, mounting: CameraMounting, allowed: Callable[[Array], bool]
 ) -> list[Array]:
     """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
-    distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)
+    distance_mm = max(NEAREST_MM, thing.radius_mm / FIELD_SHARE)
     x, y, z = (float(v) for v in thing.middle)
     reached = dict[tuple[int, float], Array]()
     for heading in HEADINGS_DEG:
@@ -88,15 +88,15 @@ def tour_round(
     return [chosen[at] for at in sorted(chosen)]
 
 
-async def walk_round(context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
+async def look_from_around(context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
     """Find the one thing there is, from where the arm stands or else from the survey views, and look at it from `count`
     places round it. Dry, nothing moves and nothing but the first look is taken.
 
     Raises NoSinglePartError, RefusedError where too few places are reached, and what moves and looks do.
     """
-    thing = await _found(context)
+    thing = await _find_single_part(context)
     mounting = context.cell.mounting
-    poses = tour_round(thing, count, mounting, context.mover.reach.allows)
+    poses = viewpoints_around(thing, count, mounting, context.mover.reach.allows)
     if len(poses) < LEAST_PLACES:
         raise RefusedError(f"the arm reaches only {len(poses)} places round it; put it nearer to the middle")
     looks = list[Look]()
@@ -116,7 +116,7 @@ async def walk_round(context: PickContext, count: int, report: Report) -> tuple[
     return thing, looks
 
 
-async def _found(context: PickContext) -> CircledPart:
+async def _find_single_part(context: PickContext) -> CircledPart:
     """The thing, from where the arm stands; where none is seen from there, from the survey views, one after another."""
     mover, settings = context.mover, context.settings
     lacking: NoSinglePartError | None = None
@@ -128,7 +128,7 @@ async def _found(context: PickContext) -> CircledPart:
             await mover.travel(pose, "find it", lambda _: settings.travel_pct)
         reading = mover.belief.resting_reading or await mover.wait_until_at_rest()
         try:
-            return single_part_in(await context.lit_look(reading, "find it"))
+            return single_part_in(await context.look_exposed(reading, "find it"))
         except NoSinglePartError as error:
             lacking = error
     assert lacking is not None

@@ -39,9 +39,9 @@ from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
-from daemon.pick.around import CircledPart, Report, walk_round
+from daemon.pick.around import CircledPart, Report, look_from_around
 from daemon.pick.looks import Look
-from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
+from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, notify
 from daemon.pick.place_table import PlaceTable
 from daemon.pick.planning import Goal, SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
@@ -416,7 +416,7 @@ class PickCycle:
         mover = self.supervisor.mover
         before = await mover.wait_until_at_rest() if self.cell.alone is None else await self._set_out_to_look()
         self._must_be_out_of_view(before)
-        look = await self._context(self.recogniser).lit_look(before, purpose)
+        look = await self._context(self.recogniser).look_exposed(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
@@ -448,22 +448,22 @@ class PickCycle:
     async def _around(self, most: int) -> WorldModel:
         assert self.recogniser is not None
         context, world = self._context(self.recogniser), WorldModel([])
-        await world.take_in(context, await context.lit_look(await self._set_out_to_look(), "look around"))
+        await world.add_look(context, await context.look_exposed(await self._set_out_to_look(), "look around"))
         idle = 0
         for _ in range(0 if context.mover.dry else most):
-            world.doubtful, before = find.least_known(context, world), find.in_all(world.found)
+            world.doubtful, before = find.next_unnamed_part(context, world), find.describe_parts(world.found)
             if world.doubtful is not None:
                 await find.second_view(context, world)
-            elif not await find.other_side(context, world):
+            elif not await find.look_from_other_side(context, world):
                 break
-            idle = idle + 1 if find.in_all(world.found) == before else 0
+            idle = idle + 1 if find.describe_parts(world.found) == before else 0
             if world.doubtful is None and idle == IDLE_LOOKS:
                 break
         return world
 
     async def _walk(self, context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
         await self._set_out_to_look()
-        return await walk_round(context, count, report)
+        return await look_from_around(context, count, report)
 
     async def _hand(self, closed: bool) -> None:
         await self.supervisor.mover.set_gripper(closed, self.settings.hand_time_s(closed))
@@ -518,7 +518,7 @@ class PickCycle:
         if load is not None and load.source is not BeliefSource.ASSUMED:  # facetd grasped it, and knows how it lies
             return
         shapes = [] if recogniser is None else [recogniser.shape(label) for label in recogniser.labels]
-        held = held_anyhow([shape.corners_mm for shape in shapes if shape is not None], *gripper.held_about)
+        held = held_anyhow([shape.corners_mm for shape in shapes if shape is not None], *gripper.holding_volume)
         loads = self.belief.capsules + (() if held is None else (held,))
         if loads:
             self.beliefs.learn(BeliefSource.ASSUMED, held_shape=(max(loads, key=lambda load: load.radius_mm),))
@@ -620,7 +620,7 @@ class PickCycle:
             await self._stop_arm(JobEvent.ERROR, why, why, cause)
         end = self._ended(world, started_s)
         self._left_alone, self._world = tuple(world.skipped), None
-        tell(self.observer, end)
+        notify(self.observer, end)
         return end
 
     def _cut_short(self, world: WorldModel, by: JobEvent, why: str, code: CauseCode) -> None:

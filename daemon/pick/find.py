@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
-from daemon.pick.following import Target, beside
+from daemon.pick.following import Target, chi_squares_of_others
 from daemon.pick.fused_objects import outlines_of
 from daemon.pick.looks import Look
 from daemon.pick.outcome import PickResult
@@ -23,21 +23,21 @@ from daemon.pick.planning import (
     NoPlan,
     PartHypothesis,
     Plan,
-    allowed,
     deviation,
     distinct_hypotheses,
-    freshest,
+    farthest_viewpoint,
     hypotheses_in_words,
     hypotheses_of,
     next_best,
-    places_round,
     plan_to_place,
+    reachable_poses,
     then_in_words,
     untaught_hypothesis,
+    viewpoints_round,
 )
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
-from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
+from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_facet_of, same_place, unconfirmed
 from daemon.pick.set_down import look_at_unseen
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
@@ -65,7 +65,7 @@ LIES_THERE_MM, LIES_THERE_DEG = 5.0, 10.0
 """A part that a survey shows this near to a free place, and turned like this, lies at it: surveys err by less."""
 THERE_MM, THERE_DEG = 0.5, 0.1
 """How far from a survey position an arm may be that is there."""
-MOST_OLD = 3
+MOST_STALE = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
 
 
@@ -79,24 +79,24 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
         pose = view.pose(context.cell.mounting)
-        if not await _is_there(context, pose):
+        if not await _is_at(context, pose):
             await travel(context, world, pose, f"survey {number}")
         assert context.mover.belief.resting_reading is not None
-        world.taken += 1
-        seen = await context.lit_look(context.mover.belief.resting_reading, f"survey {number}")
-        await world.take_in(context, seen)
+        world.look_count += 1
+        seen = await context.look_exposed(context.mover.belief.resting_reading, f"survey {number}")
+        await world.add_look(context, seen)
         if any(part.named for part in world.left(context)):
-            await _settle_question(context, world)
+            await _resolve_disagreement(context, world)
             return PickEvent.SEEN
-    await _settle_question(context, world)
+    await _resolve_disagreement(context, world)
     if world.result.outcome is Outcome.EMPTY and not world.found:
-        _tell_outlines(world)
+        _explain_empty_table(world)
     elif world.result.outcome is Outcome.EMPTY:
-        _tell_places(context, world)
+        _explain_parts_at_places(context, world)
     return PickEvent.SEEN if world.left(context) else PickEvent.NOTHING
 
 
-async def _is_there(context: PickContext, pose: Array) -> bool:
+async def _is_at(context: PickContext, pose: Array) -> bool:
     """Whether the arm stands there already, as its controller says now: in step mode nobody is asked about no move."""
     at = context.mover.belief.resting_reading
     if at is None or context.mover.dry or apart_mm(at.world_from_tool[:3, 3], pose[:3, 3]) > THERE_MM:
@@ -107,7 +107,7 @@ async def _is_there(context: PickContext, pose: Array) -> bool:
     return True
 
 
-def _tell_outlines(world: WorldModel) -> None:
+def _explain_empty_table(world: WorldModel) -> None:
     """A table on which nothing was found is empty, unless both cameras have outlines there that do not fit one another
     and are not those of a pattern."""
     odd = [seen for seen in world.looks if all(seen.scene.view.outlines)]
@@ -118,7 +118,7 @@ def _tell_outlines(world: WorldModel) -> None:
         world.result = PickResult(Outcome.UNKNOWN, why, CauseCode.UNMATCHED_OUTLINES)
 
 
-def _tell_places(context: PickContext, world: WorldModel) -> None:
+def _explain_parts_at_places(context: PickContext, world: WorldModel) -> None:
     """If every wanted part already lies at its place, say so as the result."""
     lying = [
         f"{part.label} lies at {goal.description}"
@@ -129,19 +129,19 @@ def _tell_places(context: PickContext, world: WorldModel) -> None:
         world.result = PickResult(Outcome.EMPTY, f"nothing to pick: {', '.join(lying)} already", None)
 
 
-async def _settle_question(context: PickContext, world: WorldModel) -> None:
+async def _resolve_disagreement(context: PickContext, world: WorldModel) -> None:
     """Where looks at one part disagreed, check whether the others still lie where they lay before the approach.
 
     Where there are no others, check the part itself.
     """
-    question, world.questioned = world.questioned, None
+    question, world.before_disagreement = world.before_disagreement, None
     if question is None:
         return
     await context.mover.still_there("the look at the whole table")
 
     async def moved(before: list[ObservedPart]) -> list[float]:
         shape_of, rig, doubt = context.recogniser.shape, context.cell.rig, context.settings.doubt
-        return await context.cell.compute(beside, before, world.found, shape_of, rig, doubt)
+        return await context.cell.compute(chi_squares_of_others, before, world.found, shape_of, rig, doubt)
 
     others, itself = await moved(question.others), await moved(question.itself)
     if not others and itself and max(itself) <= CHI_SQUARE_6:
@@ -170,25 +170,25 @@ async def choose(
     """Choose the first part, in order, that can be picked; skip and name the others. A pick that would go on without
     end also ends here."""
     world.target = None
-    given_up = world.too_long(context)
+    given_up = world.give_up_reason(context)
     if given_up is not None:
         world.result = PickResult(Outcome.UNSURE, given_up, DecisionCode.GIVEN_UP)
         context.decide("give up", given_up, DecisionCode.GIVEN_UP)
         return PickEvent.NONE_LEFT
     for part in world.left(context):
-        if world.old_looks < MOST_OLD and _is_old(context, part.look):
-            world.old_looks += 1
+        if world.stale_looks < MOST_STALE and _is_stale(context, part.look):
+            world.stale_looks += 1
             return PickEvent.STALE
         shape = context.recogniser.shape(part.label)
         if not part.named or shape is None:
             if _may_look_again(context, world, part):
                 world.doubtful = part
                 return PickEvent.DOUBTFUL
-            candidates = part.taken_for.candidates
+            candidates = part.recognition.candidates
             outcome = Outcome.AMBIGUOUS if candidates else Outcome.UNKNOWN
             fits = " or ".join(candidates) or "nothing that was taught"
-            code = BY_UNNAMED.get(str(part.taken_for.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
-            skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}", code)
+            code = BY_UNNAMED.get(str(part.recognition.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
+            skip(context, world, outcome, part, f"fits {fits}: {part.recognition.reason}", code)
             continue
         destination = destination_of(context, world, part)
         if isinstance(destination, str):
@@ -196,10 +196,10 @@ async def choose(
             continue
         neighbours = [other for other in world.found if other is not part]
         ways = context.settings, context.cell.mounting, context.mover.reach
-        unseen = world.sides_unseen(part.centre)
-        looks, most = [*world.looks], max(1, MOST_GRASPS - world.laid)
+        unseen = world.unseen_directions_of(part.centre)
+        looks, most = [*world.looks], max(1, MOST_GRASPS - world.regrasps)
         side_view, plan = await context.cell.compute(
-            _planned, part, shape, neighbours, unseen, *ways, context.cell.rig, destination, looks, most
+            _plan_with_side_view, part, shape, neighbours, unseen, *ways, context.cell.rig, destination, looks, most
         )
         if isinstance(plan, NoPlan):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
@@ -208,7 +208,7 @@ async def choose(
                 return PickEvent.DOUBTFUL
             skip(context, world, Outcome.UNREACHABLE, part, plan.why, plan.code)
             continue
-        sure = part.taken_for.confidence
+        sure = part.recognition.confidence
         world.target = world.last_target = Target(
             part.label,
             shape,
@@ -252,7 +252,7 @@ def destination_of(context: PickContext, world: WorldModel, part: ObservedPart) 
     return Destination(free, [goal.corners for goal in table.taken()], [goal.corners for goal in table.goals.values()])
 
 
-def _is_old(context: PickContext, look: Look) -> bool:
+def _is_stale(context: PickContext, look: Look) -> bool:
     """Whether a look is too old to begin an approach on."""
     return context.cell.clock() - look.taken_s > context.settings.limits.max_look_age_s / 2
 
@@ -279,7 +279,7 @@ def _side_view(
     return view if reach.allows_each(np.stack(poses)).all() else None
 
 
-def _planned(
+def _plan_with_side_view(
     part: ObservedPart,
     shape: Polyhedron,
     neighbours: Sequence[ObservedPart],
@@ -296,14 +296,14 @@ def _planned(
     neighbours, or why there is none. unseen: see WorldModel.sides_unseen. If no one grasp brings the part to its place:
     the first of at most so many; looks: at the table that it lies on in between."""
     side_view = _side_view(part, unseen, settings, mounting, reach)
-    beside = [other.corners for other in neighbours if not is_own(other, part)]
+    beside = [other.corners for other in neighbours if not is_facet_of(other, part)]
     arm, away = (settings, mounting, reach.allows_each, rig), unseen if side_view is None else ()
     pose = part.world_from_part
     plan, _ = plan_to_place(shape, pose, beside, *arm, destination, facings(part), away, looks, most)
     return side_view, plan
 
 
-def least_known(context: PickContext, world: WorldModel) -> ObservedPart | None:
+def next_unnamed_part(context: PickContext, world: WorldModel) -> ObservedPart | None:
     """What has no name and may be looked at again, what was looked at least first; None: nothing."""
 
     def looks(part: ObservedPart) -> int:
@@ -353,13 +353,13 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
     seen = await look(context, world, "another view")
     if part.named:
         world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
-    await world.take_in(context, seen)
+    await world.add_look(context, seen)
     if before:
-        await tell_gain(context, world, part, before, gain)
+        await record_gain(context, world, part, before, gain)
     return PickEvent.SEEN
 
 
-def in_all(parts: Sequence[ObservedPart]) -> str:
+def describe_parts(parts: Sequence[ObservedPart]) -> str:
     """`2 cube, 1 pyramid, 1 without a name`, or `nothing`."""
     named = Counter(part.label for part in parts if part.named)
     nameless = sum(not part.named for part in parts)
@@ -367,24 +367,24 @@ def in_all(parts: Sequence[ObservedPart]) -> str:
     return ", ".join([*texts, *([f"{nameless} without a name"] if nameless else [])]) or "nothing"
 
 
-async def other_side(context: PickContext, world: WorldModel) -> bool:
+async def look_from_other_side(context: PickContext, world: WorldModel) -> bool:
     """Look at all that was found, or where the table is surveyed, from far of all looks before, for what was hidden;
     False where that cannot be."""
     survey = context.settings.surveys[0]
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
-    poses = places_round(middle, context.cell.mounting, survey.distance_mm, tilts=SIDES_DEG)
-    poses = await context.cell.compute(allowed, poses, context.mover.reach)
+    poses = viewpoints_round(middle, context.cell.mounting, survey.distance_mm, tilts=SIDES_DEG)
+    poses = await context.cell.compute(reachable_poses, poses, context.mover.reach)
     viewpoints = [context.cell.mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
-    for place in freshest(middle, viewpoints, before):
+    for place in farthest_viewpoint(middle, viewpoints, before):
         try:
             await travel(context, world, poses[place], "another side", world.looks[-1])
         except MOVE_ERRORS as error:
             reraise_if_all_refused(error)
             continue
-        was = in_all(world.found)
-        await world.take_in(context, await look(context, world, "another side"))
-        world.tell(context, InformationGain("what they hide", was, in_all(world.found), 0.0, 0.0, 0.0, 0.0))
+        was = describe_parts(world.found)
+        await world.add_look(context, await look(context, world, "another side"))
+        world.tell(context, InformationGain("what they hide", was, describe_parts(world.found), 0.0, 0.0, 0.0, 0.0))
         return True
     return False
 
@@ -402,7 +402,7 @@ def _next_views(
     """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
     viewpoints_before: (L, 3) from where it was looked at so far."""
     before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
-    poses = allowed(places_round(part.centre, mounting), reach)
+    poses = reachable_poses(viewpoints_round(part.centre, mounting), reach)
     if not poses:
         return before, [], []
     return (
@@ -420,7 +420,7 @@ def _next_views(
     )
 
 
-async def tell_gain(
+async def record_gain(
     context: PickContext, world: WorldModel, part: ObservedPart, before: Sequence[PartHypothesis], gain: Gain
 ) -> None:
     """What the look has brought, to the log and to whoever asked."""
@@ -429,24 +429,26 @@ async def tell_gain(
     if now is None or not same_place(now.centre, part.centre):
         after, bits = "nothing is there any more", 0.0
     elif now.named:
-        after, bits = f"{now.label} {now.taken_for.confidence:.1%}".replace("%", " %"), 0.0
+        after, bits = f"{now.label} {now.recognition.confidence:.1%}".replace("%", " %"), 0.0
     else:
-        after, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
+        after, bits = await compute(
+            _describe_hypotheses, now, context.recogniser, context.settings.limits.table_z_mm, rig
+        )
     x, y, _ = part.centre
-    about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(open_bits, before, rig)
+    about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(entropy_bits, before, rig)
     world.tell(
         context, InformationGain(about, hypotheses_in_words(before), after, bits_before, bits, gain.bits, gain.seconds)
     )
 
 
-def _thought_of(
+def _describe_hypotheses(
     part: ObservedPart, recogniser: PartRecogniser, table_z_mm: float | None, rig: StereoRig
 ) -> tuple[str, float]:
     """What a part without a name may be, in words, and the bits that are open."""
     hypotheses = hypotheses_of(part, recogniser, table_z_mm)
-    return hypotheses_in_words(hypotheses), open_bits(hypotheses, rig)
+    return hypotheses_in_words(hypotheses), entropy_bits(hypotheses, rig)
 
 
-def open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
+def entropy_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
     """Bits that are open between hypotheses, those that look alike taken as one."""
     return distinct_hypotheses(hypotheses, rig).entropy

@@ -43,11 +43,11 @@ NEAR_POSE_MM = 15.0
 EMPTY_SHOWS, EMPTY_REACH_MM = 0.9, 1.0
 """The share of an empty gripper's outline that proves it so, and how far from its place it is looked for. An empty one
 mostly shows whole; the print of a held part has looked like 0.82 of it."""
-HELD = 0.9
+SHARE_IF_HELD = 0.9
 """Of the length of its edges, what proves a part to be in the hand that closed around it. 237 held parts of printed
 ones over patterned tables showed 1.0 mostly, 0.95 nearly always and nothing where they were out of view; with the hand
 open, three of 711 looks showed as much."""
-LEAST_VANISHED = 0.5
+SHARE_IF_RELEASED = 0.5
 """Of the length of its edges, what must have gone as the gripper opened to prove that a part was in it. Two faces in
 the same light melt into one, so that not all of them need have shown."""
 EXACT = 1e-12
@@ -57,18 +57,18 @@ AS_LIKELY = 0.9
 neighbouring ones gave a pose 7.8 mm off, sure to .5 mm: .61 of the evidence, and .96 where it was named."""
 MOST_TURNS = 3
 """Turns of a round part about its axis that are fitted, of those that are tried."""
-OPEN_NATS = 3.0
+UNDECIDED_NATS = 3.0
 """Nats by which a turn must be ahead of another for a look to decide between them. Where nine knobs were looked at from
 a side, fits within 2 degrees of the truth had the most, up to 6 less where they had not quite converged; those in
 another minimum, 6 degrees off and more, had 7 to 28 less."""
 FACETS_REACH_MM, REACH_MM = 2.0, 6.0
 """How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
-BESIDE_FINGERS_DEG = 0.2
+FINGER_EDGE_DEG = 0.2
 """How far fingers turn what edges in the gripper say, per axis, besides what each edge is doubted by: 76 held parts
 were .15 to .45 degrees off where their edges said .15 to .25. Pentagonal prisms held across an edge were said to have
 slipped, half of them."""
-BESIDE_FINGERS = np.diag([0.0] * 3 + [np.radians(BESIDE_FINGERS_DEG) ** 2] * 3)
+FINGER_EDGE_COVARIANCE = np.diag([0.0] * 3 + [np.radians(FINGER_EDGE_DEG) ** 2] * 3)
 
 
 @dataclass(eq=False)
@@ -117,7 +117,7 @@ class Target:
         return np.asarray(frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0))
 
 
-AS_THOUGHT = np.eye(4)[None]
+NO_TURN = np.eye(4)[None]
 
 
 def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
@@ -127,14 +127,14 @@ def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
     from daemon.vision.hypotheses import turns_about_axis  # in the worker: the daemon's process loads no hypotheses
 
     if estimate is None:
-        return AS_THOUGHT
+        return NO_TURN
     turns, alike = turns_about_axis(shape), symmetries(shape).motions
     if len(turns) == 1:
-        return AS_THOUGHT
+        return NO_TURN
     step = frames.vector_from_rotation(turns[1, :3, :3])
     axis = estimate.world_from_part[:3, :3] @ step / np.linalg.norm(step)
     if np.sqrt(axis @ estimate.covariance[3:, 3:] @ axis) < np.linalg.norm(step) / 2:
-        return AS_THOUGHT
+        return NO_TURN
     same = turns[:, None] @ alike
     least = np.trace(same[..., :3, :3], axis1=2, axis2=3).argmax(axis=1)
     return np.asarray(same[np.arange(len(same)), least])
@@ -145,7 +145,7 @@ def fitted(target: Target, look: Look) -> Fit | None:
     edges bear out, and then by its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
-    named = [_as_named(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
+    named = [_fit_of_named_part(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
     by_facets = fit_to_facets(target.shape, [f for p in here for f in p.facets], near)
     found = [fit for fit in (*named, by_facets) if fit is not None]
     if not found:
@@ -154,7 +154,7 @@ def fitted(target: Target, look: Look) -> Fit | None:
     start = min(likely, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     pose = start.cyclopean_from_part
     turns = undecided_turns(target.shape, target.estimate)
-    return by_edges_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, turns) or start
+    return fit_pair_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, turns) or start
 
 
 def _confirmed_by_edges(shape: Polyhedron, stereo: StereoImages, fits: Sequence[Fit]) -> list[Fit]:
@@ -165,7 +165,7 @@ def _confirmed_by_edges(shape: Polyhedron, stereo: StereoImages, fits: Sequence[
     return [fit for fit, fraction in zip(fits, fractions, strict=True) if fraction >= AS_LIKELY * max(fractions)]
 
 
-def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
+def _fit_of_named_part(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
     """The pose that a look gave to a part it named, of those that fit as well the nearest; None where none is near. All
     the part's edges made it; its facets have corners where no side shows, too."""
     thought = frames.apply(near, shape.corners_mm)
@@ -179,7 +179,7 @@ def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
     return Fit(pose, moved @ part.covariance @ moved.T, part.residual_mm, sum(map(len, part.fitted_mm)))
 
 
-def by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: float) -> Fit | None:
+def fit_pair_by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: float) -> Fit | None:
     """A known part's pose by its edges in a pair, near (4, 4) cyclopean_from_part; None where they do not show there.
 
     In a pair of one camera each picture says by itself where the part is, and the arm's errors at both places count.
@@ -193,26 +193,28 @@ def by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: floa
     poses, covariances = [fit.cyclopean_from_part for fit in both], [fit.covariance for fit in both]
     across_mm = float(np.linalg.norm(np.ptp(shape.corners_mm, axis=0)))
     cameras = taken.rig.left, taken.rig.right
-    pose, covariance = moved_pair.weighed(poses, covariances, cameras, taken.moved.arm, TOLERANCE_MM / across_mm)
+    pose, covariance = moved_pair.fuse_single_camera_poses(
+        poses, covariances, cameras, taken.moved.arm, TOLERANCE_MM / across_mm
+    )
     return replace(both[0], cyclopean_from_part=pose, covariance=covariance)
 
 
-def by_edges_in_any_turn(
+def fit_pair_in_any_turn(
     shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: float, turns: Array
 ) -> Fit | None:
-    """by_edges() from each of several turns (T, 4, 4) of the part, none first: edges of a round part hold the turn that
-    a fit starts from. The fit for which edges and holes speak most; the one from no turn where none is clearly better.
-    Turns between which the look does not decide are in the covariance."""
+    """fit_pair_by_edges from each of several turns (T, 4, 4) of the part, the first of them none: the edges of a round
+    part keep the turn at which a fit starts. Returns the fit with the most evidence from edges and holes, or that from
+    no turn unless another is clearly better. The covariance covers turns between which the look does not decide."""
     if len(turns) == 1:
-        return by_edges(shape, taken, near, reach_mm)
+        return fit_pair_by_edges(shape, taken, near, reach_mm)
     stereo = taken.stereo
     starts = aligned_to_edges(SolidBatch.of([shape] * len(turns)), stereo, near @ turns, TOLERANCE_MM)
     likely = sorted(starts, key=lambda pose: -_nats_at(shape, stereo, pose))[:MOST_TURNS]
-    fits = [fit for pose in (near, *likely) if (fit := by_edges(shape, taken, pose, reach_mm)) is not None]
+    fits = [fit for pose in (near, *likely) if (fit := fit_pair_by_edges(shape, taken, pose, reach_mm)) is not None]
     if not fits:
         return None
     nats = [_nats_at(shape, stereo, fit.cyclopean_from_part) for fit in fits]
-    undecided = [fit for fit, own in zip(fits, nats, strict=True) if own > max(nats) - OPEN_NATS]
+    undecided = [fit for fit, own in zip(fits, nats, strict=True) if own > max(nats) - UNDECIDED_NATS]
     best = fits[0] if fits[0] in undecided else fits[int(np.argmax(nats))]
     apart = max((_apart(shape, fit, best) for fit in undecided), key=lambda motion: float(np.linalg.norm(motion[3:])))
     return replace(best, covariance=best.covariance + np.outer(apart, apart))
@@ -233,13 +235,13 @@ def _apart(shape: Polyhedron, one: Fit, other: Fit) -> Array:
     return min(motions, key=lambda motion: float(np.linalg.norm(motion[3:])))
 
 
-def _in_its_place(
+def _fit_where_expected(
     shape: Polyhedron, world_from_part: Array, estimate: Estimate | None, taken: CapturedPair
 ) -> Fit | None:
     """A part's pose by its edges about where it is thought to lie, in whichever turn the estimate leaves open; None
     where they do not show there."""
     near = frames.inverse(taken.world_from_cyclopean) @ world_from_part
-    return by_edges_in_any_turn(shape, taken, near, REACH_MM, undecided_turns(shape, estimate))
+    return fit_pair_in_any_turn(shape, taken, near, REACH_MM, undecided_turns(shape, estimate))
 
 
 def expected_at(
@@ -251,12 +253,12 @@ def expected_at(
 ) -> Expected:
     """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name;
     estimate: of the looks so far."""
-    return Expected(label, confidence, shape, partial(_in_its_place, shape, world_from_part, estimate))
+    return Expected(label, confidence, shape, partial(_fit_where_expected, shape, world_from_part, estimate))
 
 
 def still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
-    return _in_its_place(target.shape, target.world_from_part, None, look.taken) is not None
+    return _fit_where_expected(target.shape, target.world_from_part, None, look.taken) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,25 +275,27 @@ def mount_of(cell: Workcell) -> CameraMount:
     return CameraMount(cell.rig, cell.mounting, cell.alone)
 
 
-def in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
+def shows_in_gripper(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
     near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, cameras_on_the_gripper(taken, mount)
-    return any(clear_edge_fraction(target.shape, stereo, near, mm) >= HELD for mm in _reaches_in_hand(target, doubt))
+    return any(
+        clear_edge_fraction(target.shape, stereo, near, mm) >= SHARE_IF_HELD for mm in _search_reaches_mm(target, doubt)
+    )
 
 
-def left_hand(target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
+def shows_release(target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     stereo = cameras_on_the_gripper(before, mount), cameras_on_the_gripper(after, mount)
     return any(
-        vanished_edge_fraction(target.shape, *stereo, near, mm) >= LEAST_VANISHED
-        for mm in _reaches_in_hand(target, doubt)
+        vanished_edge_fraction(target.shape, *stereo, near, mm) >= SHARE_IF_RELEASED
+        for mm in _search_reaches_mm(target, doubt)
     )
 
 
-def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:
+def _search_reaches_mm(target: Target, doubt: Doubt) -> tuple[float, ...]:
     """How far off its edges are sought in the gripper, mm: first no farther than where it was grasped may err, as the
     fingers' edges run beside the part's; then as far as closing jaws may push it."""
     grasped = grasped_part(target, doubt)
@@ -345,7 +349,7 @@ def held_by_edges(
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part
     hand_eye = frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4))
-    there = frames.transport_covariance(tool_from_cyclopean, fit.covariance) + hand_eye + BESIDE_FINGERS
+    there = frames.transport_covariance(tool_from_cyclopean, fit.covariance) + hand_eye + FINGER_EDGE_COVARIANCE
     apart = frames.difference(seen, grasped)
     chi2 = float(apart @ np.linalg.solve(held.covariance + there, apart))
     pose, covariance = frames.fuse([grasped, seen], [held.covariance, there])
@@ -440,12 +444,12 @@ def _sighted(
     )
 
 
-def others(target: Target, look: Look) -> list[ObservedPart]:
+def other_parts(target: Target, look: Look) -> list[ObservedPart]:
     """The parts in a whole look that are not the target."""
     return [p for p in seen_parts(look) if not same_place(p.centre, target.centre)]
 
 
-def beside(
+def chi_squares_of_others(
     before: list[ObservedPart],
     now: list[ObservedPart],
     shape_of: Callable[[str], Polyhedron | None],

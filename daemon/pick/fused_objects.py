@@ -39,7 +39,7 @@ HOLLOW_MM = 2.0
 """So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
 
 
-def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> list[ObservedPart]:
+def fuse_objects(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> list[ObservedPart]:
     """Everything that the looks, in order, show: what has a name as the newest look that named it has it; what has none
     as all of them together do, in the newest look's frame."""
     every = [part for look in looks for part in seen_parts(look)]
@@ -47,7 +47,7 @@ def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> li
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
     try:
-        fused = fuse([_seen_whole(look, doubt) for look in telling(looks)], doubt.shared())
+        fused = fuse([_whole_look_facets(look, doubt) for look in most_informative(looks)], doubt.shared())
     except np.linalg.LinAlgError:  # facets of no extent: what each look says by itself stands
         fused = None
     if fused is None:
@@ -55,12 +55,12 @@ def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> li
     newest = looks[-1]
     for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
         named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]
-    named = in_own_places(fused, _agreed(named, recogniser), recogniser)
+    named = parts_not_overlapping(fused, _agreed(named, recogniser), recogniser)
     left = _unexplained(fused, named, recogniser)
     return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
 
 
-def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
+def most_informative(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
     """Select the most informative looks, at most so many, in their order: the newest, then one by one the look that
     shows most of what the others show least; unnamed groups count most."""
     parts = [(k, part) for k, look in enumerate(looks) for part in seen_parts(look)]
@@ -82,14 +82,14 @@ def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
     return [looks[k] for k in sorted(chosen)]
 
 
-def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> LookFacets:
+def look_facets(look: Look, groups: Sequence[Group], doubt: Doubt) -> LookFacets:
     """Groups of facets that a look measured, and from where."""
     rig, here = look.taken.rig, look.world_from_cyclopean
     return LookFacets(tuple(groups), here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
 
 
-def _seen_whole(look: Look, doubt: Doubt) -> LookFacets:
-    return seen_from(look, [merge_vertices(part.facets) for part in look.scene.parts if part.facets], doubt)
+def _whole_look_facets(look: Look, doubt: Doubt) -> LookFacets:
+    return look_facets(look, [merge_vertices(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
 def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
@@ -102,7 +102,9 @@ def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[O
     return [part for k, part in enumerate(named) if k not in out]
 
 
-def in_own_places(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
+def parts_not_overlapping(
+    fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser
+) -> list[ObservedPart]:
     """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron

@@ -8,7 +8,7 @@ from daemon.arm import BeliefSource, NotSettledError
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode
 from daemon.pick.following import Target
-from daemon.pick.looks import CapturedPair, taken_here
+from daemon.pick.looks import CapturedPair, capture_pair
 from daemon.pick.world import PickContext
 
 MORE_DWELLS = 2
@@ -64,6 +64,6 @@ async def gripper_pair(context: PickContext, target: Target | None) -> CapturedP
         return None
     assert reading is not None
     try:
-        return await taken_here(cell, reading, cell.clock(), context.settings.settling)
+        return await capture_pair(cell, reading, cell.clock(), context.settings.settling)
     except NotSettledError:
         return None

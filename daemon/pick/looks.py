@@ -11,7 +11,7 @@ from daemon.arm import InWorld, Pictures, Reading, Settling, Workcell, settled_p
 from daemon.arrays import Array
 from daemon.compute.calls import ByReference, Compute
 from daemon.events.codes import BY_MEASURE
-from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
+from daemon.pick.moved_pair import MovedPair, Places, clue_with_arm_errors, with_arm_errors
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.vision.facets import TablePlane, table_at
@@ -138,7 +138,7 @@ def epipolar_px(scene: Scene) -> float:
     return float(np.median(np.abs(np.concatenate(rows)))) if any(map(len, rows)) else float("nan")
 
 
-async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> CapturedPair:
+async def capture_pair(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> CapturedPair:
     """Wait until the images are still. reading: where the arm is; rest_s: since when, on the cell's clock. Raises what
     settled_pair does."""
     pair = await settled_pair(cell, rest_s, settling)
@@ -174,7 +174,7 @@ class Observation:
     clue: Clue
 
 
-def observed(
+def observe(
     recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None, expected: Expected | None
 ) -> Observation:
     """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
@@ -184,7 +184,9 @@ def observed(
     if tracked is None:
         health = (*health, *sharpness(taken.images), *(() if taken.moved else drift(scene)))  # the arm errs, too
     clue = clue_of(scene, taken.rig, recogniser.shape)
-    return Observation(scene, health, tracked, clue if taken.moved is None else hints(clue, taken.moved.arm))
+    return Observation(
+        scene, health, tracked, clue if taken.moved is None else clue_with_arm_errors(clue, taken.moved.arm)
+    )
 
 
 async def take_look(
@@ -200,7 +202,7 @@ async def take_look(
     else is looked for. Raises VisionError on images that mislead (frozen, covered, swapped, half), besides what see
     raises, and ComputeError."""
     table = None if table_z_mm is None else table_at(table_z_mm, taken.world_from_cyclopean)
-    seen = await cell.compute(observed, recogniser, taken, table, expected)
+    seen = await cell.compute(observe, recogniser, taken, table, expected)
     now_s = cell.clock()
     taken_s = min(taken.pictures.left.taken_s, taken.pictures.right.taken_s)
     return Look(
@@ -219,10 +221,10 @@ async def take_look(
 
 def _seen(recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None) -> Scene:
     scene = recogniser.see(*taken.images, table, taken.rig)
-    return scene if taken.moved is None else with_arm(scene, taken.rig, taken.moved.arm)
+    return scene if taken.moved is None else with_arm_errors(scene, taken.rig, taken.moved.arm)
 
 
-async def relight(cell: Workcell, look: Look) -> str | None:
+async def adjust_exposure(cell: Workcell, look: Look) -> str | None:
     """Set both cameras' exposure by what a whole look saw, where its light was wrong: what was done, or None.
 
     Looks from before stay true: exposure changes levels, not places.

@@ -1,13 +1,14 @@
 """A look with one camera: two pictures at rest, the arm's own places between them, and the errors of those places.
 
-Pure: places and pictures in, a rig and covariances out; who moves the arm and waits is world.py. The camera moves
-sideways and does not turn. What moves with it (the fingers, a part in the hand) then lies in both pictures in one
-place, as if far away, and is taken for nothing on the table; turned towards one point, it would seem to lie there.
+Pure: viewpoints and images in, a rig and covariances out; world.py moves the arm and waits. The camera moves sideways
+and does not turn. What moves with it (the fingers, a held part) then is at the same place in both images, as if far
+away, and is not mistaken for a part on the table; if the camera turned towards one point, it would seem to be there.
 
-The arm stands a little off what it says, otherwise at each place. Three things are made of that. A corner that two
-rays fix has the doubt of their crossing on top of its own (`with_arm`). A part that is known is laid onto each picture
-by itself: its size says how far it is, so that the arm's error counts as that of two places, and not as that of a
-parallax (`weighed`). And a look says no more of the calibration than that error leaves (`hints`).
+The arm is slightly off its reported position, differently at each viewpoint. Therefore: a corner triangulated from two
+rays gets the error of their intersection in addition (`with_arm_errors`). A known part is fitted to each image
+separately: its size gives its distance, so the arm's error counts as that of two viewpoints, not of a parallax
+(`fuse_single_camera_poses`). A look gives only as much evidence on the calibration as that error leaves
+(`clue_with_arm_errors`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,10 +25,10 @@ from daemon.vision.geometry import Camera, StereoRig, moved_rig
 from daemon.vision.health import Clue
 from daemon.vision.values import Facet, FacetView, Group, Part, Scene
 
-USUAL_MM = 60.0
+USUAL_BASELINE_MM = 60.0
 """The baseline that places to look from are planned for: the first picture is taken half of it to the left of them."""
 SHORTEST_MM, LONGEST_MM = 40.0, 120.0
-OF_DISTANCE, OF_KNOWN = 0.15, 0.25
+SEARCH_SHARE, KNOWN_PART_SHARE = 0.15, 0.25
 """Of the distance looked at, what the camera is moved by. Where parts are to be found, both pictures must show the same
 sides of them, and all of the table; of one that is known, the farther apart the better
 (tests/bench/long/one_camera.py)."""
@@ -81,12 +82,12 @@ def places_of(json: dict[str, Any] | None) -> Places | None:
     return Places(json["eye"], left, right, float(json["arm_mm"]), float(json["arm_deg"]))
 
 
-def seen_by_one(rig: StereoRig, tool_from_cyclopean: Array, alone: CameraName) -> tuple[StereoRig, Array]:
+def rig_of_one_camera(rig: StereoRig, tool_from_cyclopean: Array, alone: CameraName) -> tuple[StereoRig, Array]:
     """The rig of a usual moved pair of one of a rig's cameras, and where that is on the tool: (StereoRig, (4, 4)
     mm)."""
     camera: Camera = getattr(rig, alone)
     tool_from_camera = tool_from_cyclopean @ camera.cyclopean_from_camera
-    return moved_rig(camera, rig.image_size, (tool_from_camera, tool_from_camera @ _aside(USUAL_MM)))
+    return moved_rig(camera, rig.image_size, (tool_from_camera, tool_from_camera @ _sideways(USUAL_BASELINE_MM)))
 
 
 def distance_mm(world_from_camera: Array, table_z_mm: float | None) -> float:
@@ -96,16 +97,16 @@ def distance_mm(world_from_camera: Array, table_z_mm: float | None) -> float:
     return float((table_z_mm - world_from_camera[2, 3]) / world_from_camera[2, 2])
 
 
-def places_beside(world_from_camera: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
+def second_viewpoints(world_from_camera: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
     """Where the camera (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first. known:
     it is one part, and about where is known; back: to the left before the right."""
-    share = OF_KNOWN if known else OF_DISTANCE
+    share = KNOWN_PART_SHARE if known else SEARCH_SHARE
     most = float(np.clip(share * away_mm, SHORTEST_MM, LONGEST_MM))
     for side, whole in SIDES:
-        yield world_from_camera @ _aside((-side if back else side) * (most if whole else SHORTEST_MM))
+        yield world_from_camera @ _sideways((-side if back else side) * (most if whole else SHORTEST_MM))
 
 
-def with_arm(scene: Scene, rig: StereoRig, arm: Array) -> Scene:
+def with_arm_errors(scene: Scene, rig: StereoRig, arm: Array) -> Scene:
     """A scene of a moved pair with the arm's errors in every covariance. arm: (6, 6) of one place."""
 
     def facet(one: Facet) -> Facet:
@@ -116,11 +117,14 @@ def with_arm(scene: Scene, rig: StereoRig, arm: Array) -> Scene:
         return replace(one, facets=tuple(map(facet, one.facets)))
 
     view: FacetView = replace(scene.view, groups=tuple(map(group, scene.view.groups)))
-    parts = tuple(replace(p, facets=tuple(map(facet, p.facets)), covariance=of_pair(p, rig, arm)) for p in scene.parts)
+    parts = tuple(
+        replace(p, facets=tuple(map(facet, p.facets)), covariance=covariance_with_arm_errors(p, rig, arm))
+        for p in scene.parts
+    )
     return replace(scene, parts=parts, view=view)
 
 
-def of_pair(part: Part, rig: StereoRig, arm: Array) -> Array:
+def covariance_with_arm_errors(part: Part, rig: StereoRig, arm: Array) -> Array:
     """A part's covariance (6, 6) in a moved pair: its own, and what the arm's errors move it and turn it by."""
     crossing = _crossings(rig, part.cyclopean_from_part[None, :3, 3])[0]
     added = np.zeros((6, 6))
@@ -129,7 +133,7 @@ def of_pair(part: Part, rig: StereoRig, arm: Array) -> Array:
     return part.covariance + added
 
 
-def weighed(
+def fuse_single_camera_poses(
     poses: Sequence[Array], covariances: Sequence[Array], cameras: Sequence[Camera], arm: Array, size_share: float
 ) -> tuple[Array, Array]:
     """Fuse the poses that two images give separately: (cyclopean_from_part (4, 4), covariance (6, 6)).
@@ -157,7 +161,7 @@ def weighed(
     return frames.perturb(poses[0], found[:6]), every[:6, :6] * max(1.0, chi / 6.0)
 
 
-def hints(clue: Clue, arm: Array) -> Clue:
+def clue_with_arm_errors(clue: Clue, arm: Array) -> Clue:
     """A clue of a moved pair: what the arm's errors at both places may have turned is no turn of a camera."""
     turn = 2 * arm[3, 3] + 2 * arm[0, 0] / USUAL_DISTANCE_MM**2
     return replace(clue, sigma=np.sqrt(clue.sigma**2 + turn))
@@ -175,5 +179,5 @@ def _crossings(rig: StereoRig, points_mm: Array) -> Array:
     return np.array(found)
 
 
-def _aside(mm: float) -> Array:
+def _sideways(mm: float) -> Array:
     return frames.rigid(np.eye(3), np.array([mm, 0.0, 0.0]))

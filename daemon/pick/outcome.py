@@ -98,7 +98,7 @@ class Observer(Protocol):
         """A pick has ended."""
 
 
-def tell(observer: Observer | None, what: Look | CycleEnd) -> None:
+def notify(observer: Observer | None, what: Look | CycleEnd) -> None:
     """Tell the observer, where there is one. What goes wrong there is reported by the event loop, and stops nothing."""
     if observer is None:
         return

@@ -38,18 +38,18 @@ class ObservedPart:
     look: Look
 
     @property
-    def taken_for(self) -> Recognition:
+    def recognition(self) -> Recognition:
         """What it was taken for, how surely and why."""
         return self.part.recognition
 
     @property
     def label(self) -> str:
-        return self.taken_for.label
+        return self.recognition.label
 
     @property
     def named(self) -> bool:
         """Whether it was recognised as one taught part."""
-        return self.part.named and not self.taken_for.ambiguous
+        return self.part.named and not self.recognition.ambiguous
 
     @property
     def world_from_part(self) -> Array:
@@ -95,7 +95,7 @@ def facings(part: ObservedPart) -> list[Facing]:
     return found
 
 
-def is_own(other: ObservedPart, part: ObservedPart) -> bool:
+def is_facet_of(other: ObservedPart, part: ObservedPart) -> bool:
     """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
     whose middle lies within the part's reach. It would keep the fingers from every grasp."""
     reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
@@ -123,7 +123,7 @@ def in_both_images(look: Look, point: Array) -> bool:
     return bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
 
 
-def shown_again(before: Look, now: Look) -> tuple[int, int]:
+def count_seen_again(before: Look, now: Look) -> tuple[int, int]:
     """Of the parts of one look that lie within both images of the next, how many that one shows where they lay, and how
     many it does not."""
     here = [part.centre for part in seen_parts(now)]
@@ -144,11 +144,11 @@ def unconfirmed(before: Sequence[ObservedPart], look: Look, around: Array) -> li
     return [old for old in before if old.lone and missing(old)]
 
 
-def ordered(parts: Sequence[ObservedPart], order: str) -> list[ObservedPart]:
+def in_pick_order(parts: Sequence[ObservedPart], order: str) -> list[ObservedPart]:
     """Nearest to the cameras first, or surest first; parts with one name before the others."""
 
     def rank(part: ObservedPart) -> tuple[bool, float]:
         away = apart_mm(part.centre, part.look.world_from_cyclopean[:3, 3])
-        return not part.named, away if order == "nearest" else -part.taken_for.confidence
+        return not part.named, away if order == "nearest" else -part.recognition.confidence
 
     return sorted(parts, key=rank)

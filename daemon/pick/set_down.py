@@ -28,9 +28,9 @@ from daemon.pick.following import (
     expected_at,
     held_by_edges,
     held_pose,
-    in_hand,
     mount_of,
     predicted_error,
+    shows_in_gripper,
     sighted,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted
@@ -41,13 +41,13 @@ from daemon.pick.planning import (
     Goal,
     NoPlan,
     PlaceDeviation,
-    allowed,
     deviation,
-    freshest,
-    places_round,
+    farthest_viewpoint,
     plan_anew,
+    reachable_poses,
     set_down_of,
     then_in_words,
+    viewpoints_round,
 )
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
@@ -131,7 +131,7 @@ async def set_down(
         world.result = PickResult(Outcome.DRY, f"{target.label} would be set down at {where} now", None)
         return PickEvent.DRY
     await mover.still_there(f"the gripper is to open at {where}")
-    world.laid += goal.between
+    world.regrasps += goal.between
     _note(context, world, goal, PlaceFinding(PlaceStatus.SET))
     world.set_down_at = None if goal.between else goal.place.name
     await mover.set_gripper(closed=False, hand_s=context.settings.hand_time_s(closed=False))
@@ -151,7 +151,7 @@ async def _lost(context: PickContext, target: Target) -> bool:
         return False
     taken = await gripper_pair(context, target)
     doubt, mount = context.settings.doubt, mount_of(context.cell)
-    shows = taken is not None and await context.cell.compute(in_hand, target, taken, mount, doubt)
+    shows = taken is not None and await context.cell.compute(shows_in_gripper, target, taken, mount, doubt)
     stop_if_contradicted(context, contradiction(target.label, False, "is in it", shows))
     return True
 
@@ -187,7 +187,7 @@ async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickE
         why = f"not seen where it was laid down on {goal.description}: {found.why}"
         skip(context, world, Outcome.LOST, target, why, CauseCode.NOT_WHERE_LAID)
         return PickEvent.LOST
-    most, looks = max(1, MOST_GRASPS - world.laid), [*world.looks]
+    most, looks = max(1, MOST_GRASPS - world.regrasps), [*world.looks]
     arm = settings, mounting, context.mover.reach, context.cell.rig
     plan = await context.cell.compute(plan_anew, target.shape, found.pose, most, target.plan, looks, *arm)
     if isinstance(plan, NoPlan):
@@ -235,7 +235,7 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     Raises RefusedError where there is none, or more than one."""
     shape, reading = context.recogniser.shape(label), context.mover.belief.resting_reading
     assert reading is not None
-    seen = await context.lit_look(reading, f"find {label}")
+    seen = await context.look_exposed(reading, f"find {label}")
     found = [part for part in seen_parts(seen) if part.named and part.label == label]
     if shape is None or len(found) != 1:
         raise RefusedError(f"{len(found)} parts are recognised as {label}: exactly one must be in view, at its place")
@@ -277,7 +277,7 @@ async def held_here(context: PickContext) -> HeldHere:
     if cell.alone is not None or isinstance(cell.mounting, InWorld):
         raise RefusedError(f"only both cameras on the gripper see how it holds a part: {lay_it}")
     before = await context.mover.wait_until_at_rest()
-    seen = await context.lit_look(before, f"{label} in the gripper")
+    seen = await context.look_exposed(before, f"{label} in the gripper")
     try:
         await context.mover.still_there(f"the place of the {label} is to be taught")
     except MovedByOthersError as moved:
@@ -299,11 +299,13 @@ async def go_round(
     """Go to a reachable viewpoint of a point (3,), the one farthest from all earlier viewpoints. viewpoints_before:
     (3,) world mm."""
     mounting = context.cell.mounting
-    poses = places_round(centre, mounting, context.settings.verify_mm)
-    poses = await context.cell.compute(allowed, poses, context.mover.reach)
+    poses = viewpoints_round(centre, mounting, context.settings.verify_mm)
+    poses = await context.cell.compute(reachable_poses, poses, context.mover.reach)
     order: Sequence[int] = range(len(poses))
     if viewpoints_before:
-        order = freshest(centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], viewpoints_before)
+        order = farthest_viewpoint(
+            centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], viewpoints_before
+        )
     refused: MoveRefusedError | OutOfReachError = OutOfReachError(
         f"{name} can be looked at from nowhere in the arm's reach"
     )
@@ -413,7 +415,7 @@ def _note(context: PickContext, world: WorldModel, goal: Goal, found: PlaceFindi
                 cycle=context.cycle,
                 label=place.part,
                 status=str(status),
-                times=world.laid,
+                times=world.regrasps,
                 off_mm=off_mm,
                 off_deg=off_deg,
                 why=why,

@@ -124,7 +124,7 @@ class Settings:
 
     def hand_time_s(self, closed: bool) -> float:
         """How long the gripper needs to take hold, or to let go."""
-        return max(self.hand_s, self.gripper.works_s(closed))
+        return max(self.hand_s, self.gripper.work_time_s(closed))
 
 
 def heading(degrees: float) -> Array:

@@ -15,15 +15,15 @@ from daemon.pick.following import (
     Target,
     came_back_empty,
     grasped_part,
-    in_hand,
-    left_hand,
     mount_of,
+    shows_in_gripper,
+    shows_release,
     still_there,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted, wait_for_hold
 from daemon.pick.looks import CapturedPair, Look
 from daemon.pick.outcome import InGripper, PickResult, not_looked_at, released
-from daemon.pick.planning import Goal, beside_of, last_stretch
+from daemon.pick.planning import Goal, final_approach, obstacles_of
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
@@ -41,7 +41,7 @@ async def final(
 ) -> Literal[PickEvent.THERE, PickEvent.DRY, PickEvent.UNREACHABLE]:
     """The blind stretch: to before the part, then around it, both straight."""
     target, settings = world.the_target(), context.settings
-    stretch = last_stretch(target.plan.grasp, target.centre, settings, context.cell.mounting)
+    stretch = final_approach(target.plan.grasp, target.centre, settings, context.cell.mounting)
     try:
         if target.side_view is not None:
             far_mm = settings.stops.stand_offs_mm[0]
@@ -74,7 +74,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
 async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Straight up and back as planned, then to where the place was seen from."""
     target, settings, mounting = world.the_target(), context.settings, context.cell.mounting
-    stretch = last_stretch(target.plan.grasp, target.centre, settings, mounting)
+    stretch = final_approach(target.plan.grasp, target.centre, settings, mounting)
     await travel(context, world, stretch.lifted, "lift", straight=True)
     await travel(context, world, stretch.back, "back off", straight=True)
     if target.side_view is not None:
@@ -120,7 +120,7 @@ async def where_to(
     if target.way is not None:
         goal = target.way.goal
         target.measured_in_gripper = await measure(context, target, seen.taken)
-        if goal.between and is_barred(goal, seen):
+        if goal.between and is_blocked(goal, seen):
             why, code = f"{why}; something lies where the part was to be laid on the table", CauseCode.NO_WAY_TO_PLACE
         elif target.measured_in_gripper is None:
             text, code = "bring it to the bin, not to its place", DecisionCode.NOT_MEASURED
@@ -136,7 +136,7 @@ def _judged(
 ) -> tuple[str, DecisionCode | None]:
     """What a look says of the part, and, where that speaks against its being in the hand, the cause. found: what lay
     there before."""
-    if in_hand(target, seen.taken, mount, settings.doubt):
+    if shows_in_gripper(target, seen.taken, mount, settings.doubt):
         return "shows in the gripper", None
     hand = seen.reading.world_from_tool[:3, 3]
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
@@ -150,13 +150,13 @@ def _judged(
     return "is gone from where it lay", None
 
 
-def is_barred(goal: Goal, seen: Look) -> bool:
+def is_blocked(goal: Goal, seen: Look) -> bool:
     """Whether a look shows something on the table where a part is to be placed."""
     hand, corners = seen.reading.world_from_tool[:3, 3], goal.corners[:, :2]
     middle = corners.mean(axis=0)
     reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())
     others = [p.corners for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
-    return not beside_of(others).free(middle, reach_mm)
+    return not obstacles_of(others).free(middle, reach_mm)
 
 
 def knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:
@@ -208,9 +208,9 @@ def _shown_in_gripper(
 ) -> tuple[InGripper, InGripper]:
     """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
     above = opened = InGripper.UNCLEAR
-    if after is not None and in_hand(target, after, mount, settings.doubt):
+    if after is not None and shows_in_gripper(target, after, mount, settings.doubt):
         opened = InGripper.PART
-    if before is not None and after is not None and left_hand(target, before, after, mount, settings.doubt):
+    if before is not None and after is not None and shows_release(target, before, after, mount, settings.doubt):
         above = InGripper.PART
     elif before is not None and came_back_empty(before, mount, settings.gripper):
         above = InGripper.EMPTY

@@ -29,28 +29,28 @@ from daemon.events.outcomes import Outcome
 from daemon.events.pick_order import PickOrder
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
-from daemon.pick.fused_objects import ONE_MM, known
+from daemon.pick.fused_objects import ONE_MM, fuse_objects
 from daemon.pick.looks import (
     CapturedPair,
     Expected,
     Look,
+    adjust_exposure,
+    capture_pair,
     log_look,
     moved_pair_of,
-    relight,
     take_look,
-    taken_here,
     whole_look,
 )
-from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, tell
+from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, notify
 from daemon.pick.place_table import PlaceTable
 from daemon.pick.planning import Goal
 from daemon.pick.recogniser import PartRecogniser
-from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
+from daemon.pick.seen import ObservedPart, apart_mm, count_seen_again, in_pick_order, same_place, seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.store.place_status import AT_PLACE_MM
 
-STANDING_RULES = ("fault_active", "not_enabled", "arm_lost")
+RULES_FOR_EVERY_MOVE = ("fault_active", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
 AT_BOX_MM = 4.0
 """Facets without a name whose corners all lie this near to boxes that the arm keeps out of, a fixture's or a post's,
@@ -103,12 +103,12 @@ class PickContext:
         for its second picture rather than to the right."""
         settings, cell = self.settings, self.cell
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
-        taken = await taken_here(cell, reading, rest_s, settings.settling)
+        taken = await capture_pair(cell, reading, rest_s, settings.settling)
         if cell.alone is not None:
             rest_s, taken = await self._from_beside(taken, expected is not None, back)
         look = await take_look(cell, self.recogniser, taken, rest_s, table_z_mm, expected)
         log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
-        tell(self.observer, look)
+        notify(self.observer, look)
         return look
 
     async def _from_beside(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
@@ -122,7 +122,7 @@ class PickContext:
         world_from_camera = first.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera
         camera_from_tool, refused = frames.inverse(world_from_camera) @ first.reading.world_from_tool, ""
         away_mm = moved_pair.distance_mm(world_from_camera, settings.limits.table_z_mm)
-        for place in moved_pair.places_beside(world_from_camera, away_mm, known, back):
+        for place in moved_pair.second_viewpoints(world_from_camera, away_mm, known, back):
             try:
                 pose = place @ camera_from_tool
                 await mover.travel(pose, "beside, for the pair", lambda _: settings.near_pct, straight=True)
@@ -133,19 +133,19 @@ class PickContext:
             beside = mover.belief.resting_reading
             assert beside is not None
             rest_s = cell.clock()
-            second = await taken_here(cell, beside, rest_s, settings.settling)
+            second = await capture_pair(cell, beside, rest_s, settings.settling)
             return rest_s, moved_pair_of(cell, first, second, settings.doubt)
         raise RefusedError(
             f"the camera cannot go aside for the second picture: {refused}. Move the arm nearer "
             "to the middle of the workspace"
         )
 
-    async def lit_look(self, reading: Reading, purpose: str) -> Look:
+    async def look_exposed(self, reading: Reading, purpose: str) -> Look:
         """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp
         hangs on: those of an approach are never held up, and all see by one light."""
         seen = await self.look(reading, purpose)
         for k in range(MOST_EXPOSURES):
-            done = await relight(self.cell, seen)
+            done = await adjust_exposure(self.cell, seen)
             if done is None:
                 break
             self.decide(
@@ -194,7 +194,7 @@ class WorldModel:
     """What each further look brought."""
     ghosts: list[Array] = field(default_factory=list)
     """(3,) middles of lone facets that did not show again."""
-    unseen_from: list[tuple[Array, Array]] = field(default_factory=list)
+    unseen_directions: list[tuple[Array, Array]] = field(default_factory=list)
     """(3,) where a part lay and (3,) in which direction from it a look along its approach did not find it."""
     target: Target | None = None
     """The part to be picked."""
@@ -206,23 +206,23 @@ class WorldModel:
     """Of tries at a target."""
     replans: int = 0
     """How often a target was planned again."""
-    old_looks: int = 0
+    stale_looks: int = 0
     """How often a table was looked at again because its looks got old."""
-    questioned: BeforeDisagreement | None = None
+    before_disagreement: BeforeDisagreement | None = None
     """What was found before two looks at the target disagreed."""
-    doubts: int = 0
+    disagreement_count: int = 0
     """How often two looks disagreed and the whole table had to be looked at."""
     began_s: float = 0.0
     """On the cell's clock."""
     moved_s: float = 0.0
     """How much of the time since then was motion, or waiting for leave to move."""
-    taken: int = 0
+    look_count: int = 0
     """How many looks there were."""
-    again: tuple[int, int] = (0, 0)
+    seen_again: tuple[int, int] = (0, 0)
     """How many parts the next look showed where they lay, and how many not."""
-    odd: Counter[str] = field(default_factory=Counter)
+    disagreements: Counter[str] = field(default_factory=Counter)
     """What else of two looks did not agree, and how often."""
-    laid: int = 0
+    regrasps: int = 0
     """How often a part was laid down to be taken anew."""
     set_down_at: str | None = None
     """The place at which the gripper was to open."""
@@ -244,24 +244,24 @@ class WorldModel:
         assert self.target is not None
         return self.target
 
-    async def take_in(self, context: PickContext, look: Look) -> None:
+    async def add_look(self, context: PickContext, look: Look) -> None:
         """One more look at the whole table, or at a part of it. Fused beside the loop: a stop is heard meanwhile."""
         if self.looks:
-            again, not_again = shown_again(self.looks[-1], look)
-            self.again = self.again[0] + again, self.again[1] + not_again
+            again, not_again = count_seen_again(self.looks[-1], look)
+            self.seen_again = self.seen_again[0] + again, self.seen_again[1] + not_again
         self.looks.append(look)
-        found = await context.cell.compute(known, [*self.looks], context.recogniser, context.settings.doubt)
+        found = await context.cell.compute(fuse_objects, [*self.looks], context.recogniser, context.settings.doubt)
         boxes = context.settings.limits.keep_out
         found = [p for p in found if p.named or not lie_at_boxes(p.corners, boxes, AT_BOX_MM)]
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
-    def too_long(self, context: PickContext) -> str | None:
+    def give_up_reason(self, context: PickContext) -> str | None:
         """What disagreed, in words, where the pick has taken more looks or time than any needs; else None."""
         seconds = context.cell.clock() - self.began_s - self.moved_s
-        if self.taken < MOST_LOOKS and seconds < MOST_S:
+        if self.look_count < MOST_LOOKS and seconds < MOST_S:
             return None
-        again, not_again = self.again
-        odd = [f"{what} ({often} times)" for what, often in self.odd.most_common(2)]
+        again, not_again = self.seen_again
+        odd = [f"{what} ({often} times)" for what, often in self.disagreements.most_common(2)]
         if not_again:
             odd.insert(
                 0, f"{not_again} of {again + not_again} parts were not seen again where the look before measured them"
@@ -270,7 +270,7 @@ class WorldModel:
         blame = (
             "; perhaps a camera repeats its picture, or was knocked: `doctor`, `calibrate verify`" if not_again else ""
         )
-        return f"given up after {self.taken} looks and {seconds:.0f} s of looking and computing: {reasons}{blame}"
+        return f"given up after {self.look_count} looks and {seconds:.0f} s of looking and computing: {reasons}{blame}"
 
     def tell(self, context: PickContext, gained: InformationGain) -> None:
         """Keep what a look has brought, and log it."""
@@ -281,7 +281,7 @@ class WorldModel:
         """What was found, is or may be wanted, lies at no place that is taken, and was not skipped, in order."""
         return [
             part
-            for part in ordered(self.found, context.settings.order)
+            for part in in_pick_order(self.found, context.settings.order)
             if (context.order.wants(part.label) or not part.named)
             and not any(same_place(s.centre, part.centre) for s in self.skipped)
             and self.place_of(context, part) is None
@@ -292,9 +292,9 @@ class WorldModel:
         taken = context.placing.taken()
         return next((goal for goal in taken if same_place(goal.centre, part.centre, AT_PLACE_MM)), None)
 
-    def sides_unseen(self, centre: Array) -> list[Array]:
+    def unseen_directions_of(self, centre: Array) -> list[Array]:
         """(3,) directions from a part that lies here in which a look along its approach did not find it."""
-        return [away for at, away in self.unseen_from if same_place(at, centre)]
+        return [away for at, away in self.unseen_directions if same_place(at, centre)]
 
 
 Handler = Callable[[PickContext, WorldModel], Awaitable[PickEvent]]
@@ -317,19 +317,19 @@ def skip(
 
 def reraise_if_all_refused(error: MoveError) -> None:
     """Raise a refusal where no other move would be allowed either."""
-    if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
+    if isinstance(error, MoveRefusedError) and error.refusal.rule in RULES_FOR_EVERY_MOVE:
         raise error
 
 
 async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
     """A move was refused: raise where all motion is closed. Where nobody confirmed it in time, look at the table again
-    (until world.too_long ends it). Where the target was looked at on the way, its place is known better than when its
+    (until world.give_up_reason ends it). Where the target was looked at on the way, its place is known better than when its
     approach was chosen: choose again, but not for ever; else leave it alone."""
     reraise_if_all_refused(error)
     target = world.the_target()
     if isinstance(error, MoveRefusedError) and error.refusal.rule == UNCONFIRMED:
         context.decide("look again", error.refusal.text, DecisionCode.LOOKED_AGAIN, label=target.label)
-        world.old_looks = 0
+        world.stale_looks = 0
         world.found = seen_parts(await whole_look(context.cell.compute, context.recogniser, target.look))
         return
     if target.sightings:
@@ -348,7 +348,7 @@ async def plan_again(
     if world.replans > context.settings.tries:
         skip(context, world, outcome, target, why, code)
         return False
-    world.odd[why] += outcome is Outcome.LOST
+    world.disagreements[why] += outcome is Outcome.LOST
     context.decide(f"plan {target.label} again", why, code, label=target.label)
     world.found = seen_parts(await whole_look(context.cell.compute, context.recogniser, target.look))
     return True
@@ -375,5 +375,5 @@ async def look(context: PickContext, world: WorldModel, purpose: str, expected: 
     """A look from where the last move ended."""
     assert context.mover.belief.resting_reading is not None
     stop = 0 if world.target is None else world.target.looks + 1
-    world.taken += 1
+    world.look_count += 1
     return await context.look(context.mover.belief.resting_reading, purpose, stop, expected)

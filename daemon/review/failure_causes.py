@@ -314,7 +314,7 @@ def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.UNCERTAIN, 0.7, evidence, last.seq)
 
 
-def _cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _run_cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """The run ends during the cycle."""
     if cycle.end is None and not cycle.of("fault"):
         evidence = f"the run ends during the cycle, after `{cycle.records[-1]['kind']}`"
@@ -341,5 +341,5 @@ def _last(cycle: Cycle) -> int:
 Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[LikelyCause]]
 RULES: tuple[Rule, ...] = (
     _ended, _refused, _geometry, all_seem_to_move, _cameras_disagree, _images, _unnamed, _lost, _missed, _released,
-    _uncertain, _cut_off,
+    _uncertain, _run_cut_off,
 )  # fmt: skip

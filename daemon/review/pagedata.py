@@ -92,7 +92,11 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
     }
 
 
-LAID: dict[str, str] = {PlaceStatus.SET: "let go", PlaceStatus.OFF: "seen off", PlaceStatus.MISSING: "not seen"}
+SET_DOWN_TEXTS: dict[str, str] = {
+    PlaceStatus.SET: "let go",
+    PlaceStatus.OFF: "seen off",
+    PlaceStatus.MISSING: "not seen",
+}
 """Text for a part placed on the table, by its status; other statuses are their own text."""
 
 
@@ -102,7 +106,7 @@ def _decided(record: Record) -> Json:
         return {"text": record.get("text"), "why": record.get("why")}
     off_mm, off_deg = record.get("off_mm"), record.get("off_deg")
     off = f"{off_mm:.1f} mm, {off_deg or 0.0:.1f} degrees off" if off_mm is not None else ""
-    words = LAID.get(status := str(record.get("status")), status)
+    words = SET_DOWN_TEXTS.get(status := str(record.get("status")), status)
     return {"text": f"laid on the table: {words}", "why": ", ".join(filter(None, (off, record.get("why"))))}
 
 
@@ -171,11 +175,11 @@ def _move(record: Json) -> Json:
     if kind == "moved":
         text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'))} mm off"
     else:
-        text = f"{OF_MOVES.get(kind, '')}{record_words(record)}"
+        text = f"{MOVE_PREFIXES.get(kind, '')}{record_words(record)}"
     return {"kind": kind, "text": text}
 
 
-OF_MOVES = {"hand": "gripper ", "refusal": "refused: "}
+MOVE_PREFIXES = {"hand": "gripper ", "refusal": "refused: "}
 """Beginning of the text of what followed a look, by kind."""
 
 

@@ -19,7 +19,7 @@ ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""
 ENDING = frozenset({"stop", "abort", "disable", "refuse", "n", "no"})
 """Commands that end a pick."""
-NAMELESS = ("unknown", "ambiguous")
+WITHOUT_NAME = ("unknown", "ambiguous")
 NONE_CHOSEN = "no part chosen"
 """The row of picks that chose none: rows of parts add up to the total."""
 
@@ -57,7 +57,7 @@ def production(runs: Sequence[Digest]) -> Json:
         "true_mm": median_of(c.true_mm for c in picked),
         "looks": median_of(c.looks for c in picked),
         "stops": dict(Counter(chain.from_iterable(map(_stops, runs))).most_common()),
-        "nameless": sum(map(_nameless, cycles)),
+        "nameless": sum(map(_unnamed_parts, cycles)),
         "interventions": sum(map(interventions, runs)),
         "oee": times["oee"],
         "times": times,
@@ -91,9 +91,9 @@ def _stops(run: Digest) -> Iterable[str]:
             yield from (name for name in names if (record.get("cycle"), name) not in ended)
 
 
-def _nameless(cycle: Cycle) -> int:
+def _unnamed_parts(cycle: Cycle) -> int:
     skipped = (cycle.end or {}).get("skipped") or []
-    return sum(s.get("outcome") in NAMELESS for s in skipped) or int(cycle.outcome in NAMELESS)
+    return sum(s.get("outcome") in WITHOUT_NAME for s in skipped) or int(cycle.outcome in WITHOUT_NAME)
 
 
 def interventions(run: Digest) -> int:

@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.events.records import Json, Record
-from daemon.pick.moved_pair import places_of, with_arm
+from daemon.pick.moved_pair import places_of, with_arm_errors
 from daemon.review.digest import Digest, in_use
 from daemon.store.model import load
 from daemon.store.outside import FileError
@@ -101,12 +101,12 @@ def replayed_looks(
         taken_by = rig if moved is None else moved.rig(rig)
         scene = look(*pair, taken_by, model, settings, thread_time, table_of(record.get("table")))
         if moved is not None:
-            scene = with_arm(scene, taken_by, moved.arm)
+            scene = with_arm_errors(scene, taken_by, moved.arm)
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
         found = compare(then, now, whole, using.model is None)
         changes = tuple(ReplayChange(int(record["seq"]), record.get("cycle"), *change) for change in found)
-        yield ReplayedLook(record, now, changes, untimed(then) == untimed(now) if whole else not found)
+        yield ReplayedLook(record, now, changes, without_timing(then) == without_timing(now) if whole else not found)
 
 
 def _rig(folder: Path, kept: str | None, loaded: dict[str, StereoRig]) -> StereoRig:
@@ -152,8 +152,8 @@ def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
     pairs: list[tuple[Json | None, Json | None]] = []
     left = list(now.get("parts") or [])
     for part in then.get("parts") or []:
-        match = min(left, key=lambda p: gap_mm(part, p), default=None)
-        if match is None or gap_mm(part, match) > NEAR_MM:
+        match = min(left, key=lambda p: centre_distance_mm(part, p), default=None)
+        if match is None or centre_distance_mm(part, match) > NEAR_MM:
             match = None
         else:
             left.remove(match)
@@ -174,12 +174,12 @@ def _corners(part: Json) -> Array:
     return np.array(corners, float).reshape(-1, 3)
 
 
-def untimed(scene: Json) -> Json:
+def without_timing(scene: Json) -> Json:
     """A scene without its times."""
     return {name: value for name, value in scene.items() if name not in OF_ONE_TIME}
 
 
-def gap_mm(a: Json, b: Json) -> float:
+def centre_distance_mm(a: Json, b: Json) -> float:
     """Distance between the middles of two recorded parts, mm; inf where one has no corners."""
     one, other = _corners(a), _corners(b)
     return float(np.linalg.norm(one.mean(axis=0) - other.mean(axis=0))) if len(one) and len(other) else np.inf

@@ -51,13 +51,13 @@ def set_downs_of(cycle: Cycle) -> Iterator[PartSetDown]:
             elif status == PlaceStatus.SET:
                 set_at = record
             elif set_at is not None and record.get("place") == set_at.get("place") and status in LOOKED_AT:
-                yield _made(cycle, record, before, last)
+                yield _set_down(cycle, record, before, last)
                 set_at = None
     if set_at is not None:
-        yield _made(cycle, set_at, before, None)
+        yield _set_down(cycle, set_at, before, None)
 
 
-def _made(cycle: Cycle, record: Record, before: int | None, after: int | None) -> PartSetDown:
+def _set_down(cycle: Cycle, record: Record, before: int | None, after: int | None) -> PartSetDown:
     name, label, status, why = (str(record.get(key) or "") for key in ("place", "label", "status", "why"))
     off_mm, off_deg, most_mm, most_deg = map(record.get, ("off_mm", "off_deg", "tolerance_mm", "tolerance_deg"))
     return PartSetDown(

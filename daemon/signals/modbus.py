@@ -88,7 +88,7 @@ class PLCInputs:
         self._on.clear()
 
 
-def handed_in(environment: Mapping[str, str] = os.environ) -> socket.socket | None:
+def inherited_socket(environment: Mapping[str, str] = os.environ) -> socket.socket | None:
     """The listening socket from systemd, not inherited by child processes; None without one."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return None

@@ -159,8 +159,8 @@ class ProductionLine:
         name = self._by_role.get("part_held")
         return None if name is None else await self.read(name)
 
-    async def work_cup(self, closed: bool, works_s: float) -> None:
-        """Switch the vacuum on and wait; or switch it off, and blow off for works_s. Where the wait is cancelled,
+    async def work_cup(self, closed: bool, work_time_s: float) -> None:
+        """Switch the vacuum on and wait; or switch it off, and blow off for work_time_s. Where the wait is cancelled,
         `watch` ends the blow-off. Raises the errors of the controller's line; the levels are then unknown."""
         on_by_name = {self._by_role["vacuum"]: closed}
         if "blow_off" in self._by_role:
@@ -169,7 +169,7 @@ class ProductionLine:
             async with self._line:
                 self._blowing = not closed
                 await self._set_levels(on_by_name, self._io.work_valves)
-            await asyncio.sleep(works_s)
+            await asyncio.sleep(work_time_s)
         finally:
             self._blowing = False
         if "blow_off" in self._by_role and not closed:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from daemon import frames
-from daemon.pick.moved_pair import Places, places_of, with_arm
+from daemon.pick.moved_pair import Places, places_of, with_arm_errors
 from daemon.pick.recogniser import Image, ModelRecogniser
 from daemon.store.library import PartEntry
 from daemon.store.model import ModelFile
@@ -191,7 +191,7 @@ class Trainer:
 
         rig = self.rig if moved is None else moved.rig(self.rig)
         scene = look(left, right, rig, None, self.settings, table=table)
-        groups = (scene if moved is None else with_arm(scene, rig, moved.arm)).view.groups
+        groups = (scene if moved is None else with_arm_errors(scene, rig, moved.arm)).view.groups
         if not groups:
             raise TeachError("no part is seen: put it where both cameras see it, lit from above, nothing else near")
         most = max(len(g.facets) for g in groups)

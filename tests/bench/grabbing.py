@@ -25,7 +25,7 @@ from daemon.arm.belief import Reading
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Workcell
 from daemon.cell.cameras import ThreadedCameras
-from daemon.pick.looks import take_look, taken_here
+from daemon.pick.looks import capture_pair, take_look
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model
@@ -190,7 +190,7 @@ async def looks(scene: str, fps: float, count: int) -> str:
     for _ in range(count):
         reading = await cell.robot.where()
         rest_s = time.monotonic()
-        taken = await taken_here(cell, reading, rest_s, Settling())
+        taken = await capture_pair(cell, reading, rest_s, Settling())
         seen.append(await take_look(cell, sight, taken, rest_s, None))
     cpu_ms = 1000.0 * (time.process_time() - cpu_s) / count
     await cameras.close()

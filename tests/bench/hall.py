@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from daemon.fleet.layout import rows_of
 from daemon.fleet.page import write_fleet_page
 from daemon.fleet.store import open_store
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.page import read_digest
 from tests.bench.runs import opened_ms
 from tests.fakes.made_year import picks_of, write_year
@@ -57,7 +57,7 @@ def main() -> None:
         for question in QUESTIONS:
             spent = []
             for _ in range(TIMES):
-                connection = opened(store)
+                connection = open_views(store)
                 wall, cpu = time.perf_counter(), time.process_time()
                 rows = connection.execute(question.sql).fetchall()
                 spent.append((time.perf_counter() - wall, time.process_time() - cpu))

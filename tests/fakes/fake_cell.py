@@ -22,7 +22,7 @@ from daemon.arm.permission import Grant, MotionPermission
 from daemon.arm.workcell import Workcell
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
-from daemon.pick.following import CameraMount, Target, in_hand, left_hand
+from daemon.pick.following import CameraMount, Target, shows_in_gripper, shows_release
 from daemon.pick.grippers.two_fingers import tool_rotation
 from daemon.pick.looks import CapturedPair
 from daemon.pick.pose_fusion import Doubt
@@ -348,7 +348,7 @@ def truly_in_hand(target: Target, taken: CapturedPair, mount: CameraMount, doubt
     """The result of a look at the gripper: the truth, because a fake cell's images are empty."""
     world: Any = getattr(taken.pictures, "of", None)
     if world is None:
-        return in_hand(target, taken, mount, doubt)
+        return shows_in_gripper(target, taken, mount, doubt)
     return bool(taken.pictures.held == target.label)  # type: ignore[attr-defined]
 
 
@@ -358,15 +358,15 @@ def truly_left_hand(
     """The result of two looks, between which the gripper opened: the truth."""
     pairs: list[Any] = [before.pictures, after.pictures]
     if getattr(pairs[0], "of", None) is None:
-        return left_hand(target, before, after, mount, doubt)
+        return shows_release(target, before, after, mount, doubt)
     return [pair.held for pair in pairs] == [target.label, None]
 
 
 # Wherever a fake cell is at work; any other is looked at as it is.
 for module, name, truth in (
-    (take, "in_hand", truly_in_hand),
-    (take, "left_hand", truly_left_hand),
-    (set_down, "in_hand", truly_in_hand),
+    (take, "shows_in_gripper", truly_in_hand),
+    (take, "shows_release", truly_left_hand),
+    (set_down, "shows_in_gripper", truly_in_hand),
 ):
     patch.object(module, name, truth).start()
 

@@ -47,7 +47,7 @@ class Grasps(NamedTuple):
     why: str = ""
 
 
-class HeldAbout(NamedTuple):
+class HoldingVolume(NamedTuple):
     """Where a gripper touches what it holds: within half of width_mm of the line from back_mm behind the tool centre
     point to tip_mm before it."""
 
@@ -76,7 +76,7 @@ class Gripper(Protocol):
         """The key of its width in facetd.yaml, and how far it reaches to either side, mm."""
 
     @property
-    def held_about(self) -> HeldAbout:
+    def holding_volume(self) -> HoldingVolume:
         """Where it touches what it holds."""
 
     @property
@@ -92,7 +92,7 @@ class Gripper(Protocol):
         """The same gripper with every lean at which it may take a part that is to lie on another side than before;
         None: it turns no part over."""
 
-    def works_s(self, closed: bool) -> float:
+    def work_time_s(self, closed: bool) -> float:
         """How long it needs to take hold or to let go, by its own settings."""
 
     def grasps(
@@ -112,5 +112,5 @@ class Gripper(Protocol):
         """What the gripper can grasp a part by, in words, however the part lies; empty: its grasps depend on how it
         lies. error_mm: see grasps."""
 
-    def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
+    def sweeps(self, world_from_tool: Array, neighbour: Array) -> bool:
         """Whether a neighbour (M, 3) reaches into the room that it sweeps on the last stretch to a grasp."""

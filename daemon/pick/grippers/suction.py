@@ -20,8 +20,8 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arm import PALM_MM, HandBody, suction_cup
 from daemon.arrays import Array
-from daemon.pick.grippers.gripper import Grasps, HeldAbout, PlannedGrasp
-from daemon.pick.grippers.two_fingers import NEAR_RAD, SWEPT_MM, centre_of_mass, felt, hull
+from daemon.pick.grippers.gripper import Grasps, HoldingVolume, PlannedGrasp
+from daemon.pick.grippers.two_fingers import NEAR_RAD, SWEPT_MM, centre_of_mass, contact_hull, hull
 from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry import Polyhedron, inside, off_segments
 
@@ -89,8 +89,8 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return "cup_radius_mm", self.cup_radius_mm
 
     @property
-    def held_about(self) -> HeldAbout:
-        return HeldAbout(0.0, 0.0, 2 * self.cup_radius_mm)
+    def holding_volume(self) -> HoldingVolume:
+        return HoldingVolume(0.0, 0.0, 2 * self.cup_radius_mm)
 
     @property
     def widest_mm(self) -> None:
@@ -106,7 +106,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         """See Gripper. A cup holds a part near to level only (carried_deg)."""
         return None
 
-    def works_s(self, closed: bool) -> float:
+    def work_time_s(self, closed: bool) -> float:
         return self.dwell_s if closed else self.blow_off_s
 
     @property
@@ -135,10 +135,10 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     ) -> Grasps:
         """See Gripper. The tool's z goes down along a facet's normal, into the facet by half of the lip travel."""
         shape = shape if shape.facets else hull(shape.corners_mm)
-        facets = upward(shape, world_from_part, self.lean_deg)
+        facets = upward_facets(shape, world_from_part, self.lean_deg)
         if not facets:
             return Grasps((), f"no flat facet of it faces up to within {self.lean_deg:g} degrees")
-        weight_n, mass = weight_and_middle(shape, self.density_g_cm3)
+        weight_n, mass = weight_and_centroid(shape, self.density_g_cm3)
         found: list[CupGrasp] = []
         reasons: list[str] = []
         for facet, tilt_deg in facets:
@@ -148,12 +148,12 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
                 if load > 1.0:
                     why = f"the load is {load:.1f} times what the cup can hold there"
                     continue
-                for rotation in turned(shape, facet):
+                for rotation in rotations_about_normal(shape, facet):
                     here = frames.rigid(rotation, spot.at_mm + rotation[:, 2] * self.lip_mm / 2)
                     world_from_tool = world_from_part @ here
                     if near is not None and float((world_from_tool[:3, :3] * near).sum()) < 1 + 2 * np.cos(NEAR_RAD):
                         continue
-                    blocked = any(self.in_the_way(world_from_tool, each) for each in neighbours)
+                    blocked = any(self.sweeps(world_from_tool, each) for each in neighbours)
                     of = CupGrasp(world_from_tool, tilt_deg, blocked, facet=facet + 1, room_mm=spot.room_mm, load=load)
                     found.append(of)
             reasons += [f"facet {facet + 1}: {why}"] if why else []
@@ -163,7 +163,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
         """See Gripper."""
         shape = shape if shape.facets else hull(shape.corners_mm)
-        heavy = weight_and_middle(shape, self.density_g_cm3)
+        heavy = weight_and_centroid(shape, self.density_g_cm3)
         taken, reasons = list[str](), list[str]()
         for facet in range(len(shape.facets)):
             spots, why = self.spots(shape, facet, heavy[1], error_mm)
@@ -189,7 +189,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     def spots(self, shape: Polyhedron, facet: int, mass: Array, error_mm: float) -> tuple[list[Spot], str]:
         """Where on a facet the cup can sit: nearest below the mass centre (3,), and where most room is; or why
         nowhere."""
-        points, rooms = rooms_on(shape, facet)
+        points, rooms = clearances_on(shape, facet)
         needed_mm = self.cup_radius_mm + error_mm + self.edge_mm
         most_mm = float(rooms.max(initial=0.0))
         fits = rooms >= needed_mm
@@ -211,7 +211,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             found.append(Spot(some[roomiest], float(theirs[roomiest])))
         return found, ""
 
-    def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
+    def sweeps(self, world_from_tool: Array, neighbour: Array) -> bool:
         """See Gripper. Boxes along the tool's axes: errs towards `in the way`."""
         local = frames.apply(frames.inverse(world_from_tool), neighbour)
         low, high = local.min(axis=0), local.max(axis=0)
@@ -252,17 +252,17 @@ class CupGrasp(PlannedGrasp):
         return {"facet": self.facet, "room_mm": self.room_mm, "load": self.load}
 
 
-def weight_and_middle(shape: Polyhedron, density_g_cm3: float) -> tuple[float, Array]:
+def weight_and_centroid(shape: Polyhedron, density_g_cm3: float) -> tuple[float, Array]:
     """N, and the mass centre (3,) in the part frame, of a part that is all of one material: holes left out, which only
     make it lighter. Raises ValueError where the corners span no volume."""
-    solid = felt(shape)
+    solid = contact_hull(shape)
     middle = solid.corners_mm.mean(axis=0)
     fans = np.array([(r[0], b, c) for r in solid.facets for b, c in pairwise(r[1:])])
     volume_mm3 = abs(float(np.linalg.det(solid.corners_mm[fans] - middle).sum())) / 6.0
     return volume_mm3 * 1e-6 * density_g_cm3 * GRAVITY_M_S2, centre_of_mass(solid)
 
 
-def upward(shape: Polyhedron, world_from_part: Array, lean_deg: float) -> list[tuple[int, float]]:
+def upward_facets(shape: Polyhedron, world_from_part: Array, lean_deg: float) -> list[tuple[int, float]]:
     """(facet, degrees that it leans) of those that look up, the most level first."""
     up = (shape.normals @ world_from_part[:3, :3].T)[:, 2]
     leans = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
@@ -270,7 +270,7 @@ def upward(shape: Polyhedron, world_from_part: Array, lean_deg: float) -> list[t
     return [(int(k), float(leans[k])) for k in order if leans[k] <= lean_deg]
 
 
-def turned(shape: Polyhedron, facet: int) -> list[Array]:
+def rotations_about_normal(shape: Polyhedron, facet: int) -> list[Array]:
     """(3, 3) rotations of a tool that looks down on a facet, part frame, evenly about its normal from where tool x goes
     along the facet's longest side."""
     z, x = -shape.normals[facet], axes_on(shape, facet)[0]
@@ -290,7 +290,7 @@ def axes_on(shape: Polyhedron, facet: int) -> Array:
 
 
 @lru_cache(maxsize=256)
-def rooms_on(shape: Polyhedron, facet: int) -> tuple[Array, Array]:
+def clearances_on(shape: Polyhedron, facet: int) -> tuple[Array, Array]:
     """(P, 3) points of a grid on a facet, part frame, and (P,) how far each is from the facet's border, the rims of its
     holes, and what of the part rises above it; 0 outside, in a hole, and under what rises."""
     axes, origin = axes_on(shape, facet), shape.corners_mm[shape.rings[facet][0]]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm import HandBody, two_fingers
 from daemon.arrays import Array
-from daemon.pick.grippers.gripper import Grasps, HeldAbout, PlannedGrasp
+from daemon.pick.grippers.gripper import Grasps, HoldingVolume, PlannedGrasp
 from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry import Polyhedron, exact, inside
 
@@ -88,8 +88,8 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return "opening_mm", self.opening_mm / 2 + self.finger_thick_mm
 
     @property
-    def held_about(self) -> HeldAbout:
-        return HeldAbout(self.pad_back_mm, self.tip_mm, self.finger_width_mm)
+    def holding_volume(self) -> HoldingVolume:
+        return HoldingVolume(self.pad_back_mm, self.tip_mm, self.finger_width_mm)
 
     @property
     def widest_mm(self) -> float:
@@ -103,7 +103,7 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     def turning(self) -> TwoFingers:
         return msgspec.structs.replace(self, tilts_deg=self.turn_tilts_deg)
 
-    def works_s(self, closed: bool) -> float:
+    def work_time_s(self, closed: bool) -> float:
         """See Gripper. That of fingers is pick.hand_s."""
         return 0.0
 
@@ -129,8 +129,8 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         """See Gripper."""
         return ""
 
-    def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
-        return in_the_way(world_from_tool, neighbour, self)
+    def sweeps(self, world_from_tool: Array, neighbour: Array) -> bool:
+        return sweeps(world_from_tool, neighbour, self)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -178,7 +178,7 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
     return np.array([[-cosine * u, -v, sine * u], [-cosine * v, u, sine * v], [-sine, 0.0, -cosine]])
 
 
-def felt(shape: Polyhedron) -> Polyhedron:
+def contact_hull(shape: Polyhedron) -> Polyhedron:
     """The surface that flat fingers can touch: all facets where every side is known, flat or, from a drawing, curved,
     the flat ones first; else the convex hull of the known corners. Raises ValueError where those span no volume."""
     curved = np.concatenate([shape.covers.reshape(-1, 3), _fillets(shape)])
@@ -429,7 +429,7 @@ def grasps(
     through the table, wider than the opening or needing more friction than the pads have are left out.
     Raises ValueError where the shape's corners span no volume.
     """
-    solid = felt(shape)
+    solid = contact_hull(shape)
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
     curved = (len(solid.corners_mm) - len(shape.corners_mm)) // 4
     mass, flat = centre_of_mass(solid), len(solid.facets) - curved
@@ -443,7 +443,7 @@ def grasps(
             for middle in middles:
                 grasp = _placed(rotation, tilt_deg, middle, mass, sides, table_z_mm, gripper)
                 if grasp is not None:
-                    blocked = any(in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
+                    blocked = any(sweeps(grasp.world_from_tool, n, gripper) for n in neighbours)
                     found.append(replace(grasp, blocked=blocked))
     return sorted(found, key=lambda g: (g.blocked, g.rounded, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
 
@@ -479,7 +479,7 @@ def _placed(
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())
     centre = np.array([*middle[:2], max(middle[2], least_z)])
     in_hand = sides.seen_from(rotation, centre)
-    if _in_the_palm(in_hand.outlines, gripper):
+    if _hits_palm(in_hand.outlines, gripper):
         return None
     contact = contacts(in_hand, UP @ rotation, gripper)
     if contact is None or contact.slip_deg > np.degrees(np.arctan(gripper.friction)):
@@ -493,13 +493,13 @@ def _placed(
     return FingerGrasp(here, tilt_deg, width_mm=width, slip_deg=contact.slip_deg, rounded=contact.rounded)
 
 
-def _in_the_palm(corners: Array, gripper: TwoFingers) -> bool:
+def _hits_palm(corners: Array, gripper: TwoFingers) -> bool:
     """Whether corners (..., 3), tool frame, lie where the fingers come from; a palm as wide as they open is there."""
     wide = gripper.opening_mm / 2 + gripper.finger_thick_mm
     return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
-def in_the_way(world_from_tool: Array, neighbour: Array, gripper: TwoFingers) -> bool:
+def sweeps(world_from_tool: Array, neighbour: Array, gripper: TwoFingers) -> bool:
     """Whether the neighbour reaches into the room the open fingers sweep on their last stretch (box against box along
     the tool's axes: errs towards `in the way`)."""
     local = frames.apply(frames.inverse(world_from_tool), neighbour)

@@ -7,14 +7,14 @@ and read no file; the handlers of the states (find.py, approach.py, take.py, set
 from daemon.pick.planning.next_view import (
     Gain,
     PartHypothesis,
-    allowed,
     distinct_hypotheses,
-    freshest,
+    farthest_viewpoint,
     hypotheses_in_words,
     hypotheses_of,
     next_best,
-    places_round,
+    reachable_poses,
     untaught_hypothesis,
+    viewpoints_round,
 )
 from daemon.pick.planning.picture import plan_picture
 from daemon.pick.planning.place_goals import (
@@ -31,11 +31,11 @@ from daemon.pick.planning.place_goals import (
     too_tight,
 )
 from daemon.pick.planning.place_plan import SidePlan, plan_anew, plan_from_side, plan_to_place, then_in_words
-from daemon.pick.planning.plan import Destination, NoPlan, Plan, last_stretch, same_grasp, stable_sides
+from daemon.pick.planning.plan import Destination, NoPlan, Plan, final_approach, same_grasp, stable_sides
 from daemon.pick.planning.regrasp import MOST_GRASPS
-from daemon.pick.planning.side_look import side_that_shows
+from daemon.pick.planning.side_look import side_that_shows_turn
 from daemon.pick.planning.stand_offs import enough, next_stand_off
-from daemon.pick.planning.table_room import beside_of
+from daemon.pick.planning.table_room import obstacles_of
 
 __all__ = [
     "MOST_GRASPS",
@@ -49,31 +49,31 @@ __all__ = [
     "Plan",
     "SetDown",
     "SidePlan",
-    "allowed",
-    "beside_of",
     "deviation",
     "distinct_hypotheses",
     "enough",
+    "farthest_viewpoint",
+    "final_approach",
     "fixture_boxes",
     "flattened",
-    "freshest",
     "goal_of",
     "hypotheses_in_words",
     "hypotheses_of",
-    "last_stretch",
     "next_best",
     "next_stand_off",
-    "places_round",
+    "obstacles_of",
     "plan_anew",
     "plan_from_side",
     "plan_picture",
     "plan_to_place",
+    "reachable_poses",
     "same_grasp",
     "set_down_of",
-    "side_that_shows",
+    "side_that_shows_turn",
     "spot_of",
     "stable_sides",
     "then_in_words",
     "too_tight",
     "untaught_hypothesis",
+    "viewpoints_round",
 ]

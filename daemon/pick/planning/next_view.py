@@ -228,7 +228,7 @@ class _FacetsInSpace:
         return len(self.corners)
 
 
-def shown(competing: HypothesisSet, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
+def visible_facets(competing: HypothesisSet, centre: Array, centres: Array, beside: Sequence[Array] = ()) -> Array:
     """(V, H, C) how often each facet is found from cameras (V, 3), under each hypothesis; the last is whatever
     something not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,):
     what is looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
@@ -248,7 +248,7 @@ def shown(competing: HypothesisSet, centre: Array, centres: Array, beside: Seque
     return found
 
 
-def missed(competing: HypothesisSet, shows: Array) -> HypothesisSet:
+def without_seen_facets(competing: HypothesisSet, shows: Array) -> HypothesisSet:
     """Downweight hypotheses whose facets earlier looks should have shown, shows (V, H, C), but did not."""
     speaks = np.prod(1 - shows[:, :, competing.seen :], axis=(0, 2))
     weights = competing.chances * speaks
@@ -257,14 +257,14 @@ def missed(competing: HypothesisSet, shows: Array) -> HypothesisSet:
     return replace(competing, hypotheses=tuple(weighed))
 
 
-def ranked(competing: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
+def ranked_gains(competing: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
     """Places, by their numbers, the one first that is expected to settle most bits a second. shows (V, H, C)."""
     before, chances = competing.entropy, competing.chances
     gains = [Gain(v, max(before - expected_entropy(chances, one), 0.0), seconds[v]) for v, one in enumerate(shows)]
     return sorted(gains, key=lambda g: -g.bits / g.seconds)
 
 
-def places_round(
+def viewpoints_round(
     centre: Array, mounting: CameraMounting, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
 ) -> list[Array]:
     """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
@@ -273,7 +273,7 @@ def places_round(
     return [view.pose(mounting) for view in views]
 
 
-def allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
+def reachable_poses(poses: Sequence[Array], reach: Reach) -> list[Array]:
     """Those of the poses, world_from_tool (4, 4), that the arm can reach."""
     return list(compress(poses, reach.allows_each(np.reshape(poses, (-1, 4, 4)))))
 
@@ -291,15 +291,17 @@ def next_best(
     there settles for its seconds; where none settles anything, the farthest from all looks before, centres_before (L,
     3), first. beside: polygons (N, 3) of other things. All world, mm."""
     look = distinct_hypotheses(hypotheses, rig)
-    look = missed(look, shown(look, centre, centres_before, beside))
-    gains = ranked(look, shown(look, centre, centres, beside), seconds)
+    look = without_seen_facets(look, visible_facets(look, centre, centres_before, beside))
+    gains = ranked_gains(look, visible_facets(look, centre, centres, beside), seconds)
     if gains and max(g.bits for g in gains) >= LEAST_BITS:
         return gains
     by_place = {g.place: g for g in gains}
-    return [by_place[place] for place in freshest(centre, centres, centres_before)]
+    return [by_place[place] for place in farthest_viewpoint(centre, centres, centres_before)]
 
 
-def freshest(centre: Array, centres: Sequence[Array] | Array, centres_before: Sequence[Array] | Array) -> list[int]:
+def farthest_viewpoint(
+    centre: Array, centres: Sequence[Array] | Array, centres_before: Sequence[Array] | Array
+) -> list[int]:
     """Places, by their numbers, the farthest round a point from all looks before first."""
     away = [min(viewpoints.angle_at(centre, place, old) for old in centres_before) for place in centres]
     return sorted(range(len(away)), key=lambda place: -away[place])

@@ -218,7 +218,7 @@ def ways_to(
     lie at places beside it."""
     for pose in goal.poses:
         way = set_down_of(goal, pose, tool_from_part, settings, mounting)
-        if any(settings.gripper.in_the_way(way.at, each) for each in neighbours):
+        if any(settings.gripper.sweeps(way.at, each) for each in neighbours):
             continue
         if goes_through(way.ways[:3], allowed):
             looks = np.stack([way.look, *looks_round(goal.centre, settings, mounting)])

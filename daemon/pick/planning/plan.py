@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.arm import CameraMounting, InWorld, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
-from daemon.pick.grippers import PlannedGrasp, centre_of_mass, felt
+from daemon.pick.grippers import PlannedGrasp, centre_of_mass, contact_hull
 from daemon.pick.planning import viewpoints
 from daemon.pick.planning.place_goals import FLAT_MM, Goal, SetDown, goes_through, ways_to
 from daemon.pick.planning.viewpoints import Reachable
@@ -56,7 +56,7 @@ class Destination:
     reserved: Sequence[Array] = ()
 
 
-class LastStretch(NamedTuple):
+class FinalApproach(NamedTuple):
     """The poses of a grasp that the arm passes without a look, in order; world_from_tool. back: from where its place
     is looked at afterwards."""
 
@@ -66,21 +66,21 @@ class LastStretch(NamedTuple):
     back: Array
 
 
-def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> LastStretch:
+def final_approach(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> FinalApproach:
     """From before the grasp to the look after it; centre: the part's (3,)."""
     at = grasp.world_from_tool
     back = mounting.approach_pose(at, centre, settings.verify_mm)
-    return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
+    return FinalApproach(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
 
 
 def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> list[Array]:
     """Every pose of the approach and the retreat, in order; world_from_tool."""
     at = grasp.world_from_tool
     looks = [mounting.approach_pose(at, centre, distance) for distance in settings.stops.stand_offs_mm]
-    return [*looks, *last_stretch(grasp, centre, settings, mounting)]
+    return [*looks, *final_approach(grasp, centre, settings, mounting)]
 
 
-def shows_held(shape: Polyhedron, tool_from_part: Array, mounting: CameraMounting, rig: StereoRig) -> float:
+def held_part_visibility(shape: Polyhedron, tool_from_part: Array, mounting: CameraMounting, rig: StereoRig) -> float:
     """Which share of the edges that face the cameras both have in view, of a part in the gripper (4, 4)."""
     if isinstance(mounting, InWorld):
         return 0.0
@@ -142,7 +142,7 @@ def plan_part(
         worth = viewpoints.view_worth(shape, world_from_part, viewpoint) + seen_again(seen, viewpoint)
         if destination is not None and rig is not None:
             held = frames.inverse(grasp.world_from_tool) @ world_from_part
-            worth += SHOWS_COUNT * shows_held(shape, held, mounting, rig)
+            worth += SHOWS_COUNT * held_part_visibility(shape, held, mounting, rig)
         plans.append(Plan(grasp, worth, neighbours))
     if not plans:
         return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
@@ -156,7 +156,7 @@ def plan_part(
                 if destination is None:
                     return plan
                 held = frames.inverse(plan.grasp.world_from_tool) @ world_from_part
-                way = first_way(destination, held, settings, mounting, allowed)
+                way = first_set_down(destination, held, settings, mounting, allowed)
                 if way is not None:
                     return replace(plan, way=way, destination=destination)
     if approached and destination is not None:
@@ -168,7 +168,7 @@ def plan_part(
     return NoPlan(CauseCode.BLOCKED if 2 * blocked >= len(plans) else CauseCode.OUT_OF_REACH, why)
 
 
-def first_way(
+def first_set_down(
     destination: Destination, held: Array, settings: Settings, mounting: CameraMounting, allowed: Reachable
 ) -> SetDown | None:
     """The first way to the first goal that has one."""
@@ -181,15 +181,15 @@ def first_way(
 def stable_sides(shape: Polyhedron) -> list[int]:
     """The sides, from 0, that a part of one material can lie on: nothing of it is beyond them, and the mass centre is
     above them. Raises ValueError where the corners span no volume."""
-    mass, found = centre_of_mass(felt(shape)), []
+    mass, found = centre_of_mass(contact_hull(shape)), []
     for side, laid in enumerate(shape.flat_from_solid):
         beyond_mm = float(frames.apply(laid, shape.corners_mm)[:, 2].max())
-        if beyond_mm < FLAT_MM and is_over(mass, shape, side):
+        if beyond_mm < FLAT_MM and is_supported(mass, shape, side):
             found.append(side)
     return found
 
 
-def is_over(mass: Array, shape: Polyhedron, side: int) -> bool:
+def is_supported(mass: Array, shape: Polyhedron, side: int) -> bool:
     """Whether a mass centre (3,) is above a side, from 0, on which a part lies."""
     laid = shape.flat_from_solid[side]
     ring = frames.apply(laid, shape.corners_mm[shape.rings[side]])[None, :, :2]

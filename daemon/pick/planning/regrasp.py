@@ -19,7 +19,7 @@ from daemon import frames
 from daemon.arm import CameraMounting, hand_of, paths
 from daemon.arrays import Array, Flags, Index
 from daemon.events.codes import CauseCode
-from daemon.pick.grippers import Gripper, PlannedGrasp, centre_of_mass, felt, hull
+from daemon.pick.grippers import Gripper, PlannedGrasp, centre_of_mass, contact_hull, hull
 from daemon.pick.looks import Look
 from daemon.pick.planning.place_goals import (
     NEARLY_FLAT_RAD,
@@ -38,12 +38,12 @@ from daemon.pick.planning.plan import (
     Destination,
     NoPlan,
     approach_poses,
-    is_over,
-    last_stretch,
-    shows_held,
+    final_approach,
+    held_part_visibility,
+    is_supported,
     stable_sides,
 )
-from daemon.pick.planning.table_room import Beside, beside_of, free_spots
+from daemon.pick.planning.table_room import Obstacles, free_spots, obstacles_of
 from daemon.pick.planning.viewpoints import Reachable, view_worth
 from daemon.pick.seen import in_both_images
 from daemon.pick.settings import Settings
@@ -107,13 +107,13 @@ def resting(shape: Polyhedron) -> Array:
     """(S, 4, 4) how a part of one material can lie on a table at z = 0, the middle of what it rests on at the origin:
     on each of its own sides, and each face of its convex hull, that its mass centre is above; on nothing round. Raises
     ValueError where the corners span no volume."""
-    ground, mass = hull(shape.corners_mm), centre_of_mass(felt(shape))
+    ground, mass = hull(shape.corners_mm), centre_of_mass(contact_hull(shape))
     round_mm = np.concatenate([shape.covers.reshape(-1, 3), *(arc.points_mm for arc in shape.arcs)])
     found = [shape.flat_from_solid[side] for side in stable_sides(shape)]
     for side, laid in enumerate(ground.flat_from_solid):
         beyond_mm = frames.apply(laid, round_mm)[:, 2].max(initial=0.0)
         known = any(laid[2, :3] @ other[2, :3] > np.cos(NEARLY_FLAT_RAD) for other in found)
-        if not known and beyond_mm < ROUND_MM and is_over(mass, ground, side):
+        if not known and beyond_mm < ROUND_MM and is_supported(mass, ground, side):
             found.append(laid)
     return np.reshape(frames.rigid(UPSIDE_DOWN, np.zeros(3)) @ np.reshape(found, (-1, 4, 4)), (-1, 4, 4))
 
@@ -151,8 +151,8 @@ class Regrasping:
     looks: Sequence[Look] = ()
 
     @cached_property
-    def beside(self) -> Beside:
-        return beside_of([*self.neighbours, *self.destination.taken])
+    def beside(self) -> Obstacles:
+        return obstacles_of([*self.neighbours, *self.destination.taken])
 
     @cached_property
     def table(self) -> GraspTable:
@@ -210,7 +210,7 @@ class Regrasping:
         found = []
         for number in np.flatnonzero(self.table.side == side):
             tool = pose @ self.table.part_from_tool[number]
-            blocked = any(gripper.in_the_way(tool, each) for each in self.neighbours)
+            blocked = any(gripper.sweeps(tool, each) for each in self.neighbours)
             found.append(replace(self.table.grasps[number], world_from_tool=tool, blocked=blocked))
         return found
 
@@ -222,7 +222,7 @@ class Regrasping:
         for grasp, tool in zip(grasps, tools, strict=True):
             look = self.mounting.look_pose(tool[:3, :3], centre, stand_offs[len(stand_offs) // 2])
             viewpoint = self.mounting.world_from_cyclopean_at(look)[:3, 3]
-            shows = shows_held(self.shape, frames.inverse(tool) @ pose, self.mounting, self.rig)
+            shows = held_part_visibility(self.shape, frames.inverse(tool) @ pose, self.mounting, self.rig)
             worth.append(view_worth(self.shape, pose, viewpoint) + SHOWS_COUNT * shows - grasp.risk)
         return sorted(range(len(worth)), key=lambda number: -worth[number])
 
@@ -233,7 +233,7 @@ class Regrasping:
         """Whether the arm gets to a grasp (4, 4) of the part there and back, the hand off what lies beside."""
         centre, settings = self._centre(pose), self.settings
         at = PlannedGrasp(tool, 0.0)
-        near = np.stack(last_stretch(at, centre, settings, self.mounting)[:3])
+        near = np.stack(final_approach(at, centre, settings, self.mounting)[:3])
         return bool(self.beside.clear(near, settings.limits).all()) and goes_through(
             approach_poses(at, centre, settings, self.mounting), self.allowed
         )
@@ -309,7 +309,7 @@ class Regrasping:
     @cached_property
     def _spots(self) -> list[list[Array]]:
         """Of each side: where a part that lies on it is free of others, of places, and was seen to be."""
-        taken = beside_of([*self.neighbours, *self.destination.taken, *self.destination.reserved])
+        taken = obstacles_of([*self.neighbours, *self.destination.taken, *self.destination.reserved])
         return [
             [spot for spot in free_spots(taken, float(reach), self.settings) if self._seen_free(spot, float(reach))]
             for reach in self.table.reach_mm

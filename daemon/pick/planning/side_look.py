@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm import OnHand, Reach
 from daemon.arrays import Array
-from daemon.pick.planning.next_view import places_round
+from daemon.pick.planning.next_view import viewpoints_round
 from daemon.pick.planning.stand_offs import enough
 from daemon.pick.pose_fusion import Estimate, Sighting, fuse, sighting
 from daemon.pick.settings import Settings
@@ -20,7 +20,7 @@ from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.refine import expected_covariance
 
 
-def side_that_shows(
+def side_that_shows_turn(
     shape: Polyhedron,
     sightings: Sequence[Sighting],
     rotation: Array,
@@ -54,7 +54,7 @@ def side_that_shows(
     distances = {*stops.stand_offs_mm[1:], nearest_mm, settings.verify_mm}
     rotations = [
         pose[:3, :3]
-        for pose in places_round(centre, mounting, nearest_mm)
+        for pose in viewpoints_round(centre, mounting, nearest_mm)
         if reach.allows_each(np.stack([mounting.look_pose(pose[:3, :3], centre, each) for each in distances])).all()
     ]
     if not rotations:

@@ -12,14 +12,14 @@ from daemon.vision.geometry import off_segments
 
 SPOT_MM, SPOTS_OUT_MM = 40.0, 160.0
 """Spots on the table: how far apart, and how far from where it is surveyed."""
-BESIDE_MM = 15.0
+CLEARANCE_MM = 15.0
 """How far the hand and the part laid down keep from what lies beside: looks at it err, and show only some of it."""
 BIN_MM = 150.0
 """How far from the bin nothing is laid down."""
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class Obstacles:
     """What lies on the table beside, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
 
     middles: Array
@@ -29,7 +29,7 @@ class Beside:
     def free(self, spot: Array, radius_mm: float) -> bool:
         """Whether a part that reaches so far from a spot (2,) lies on none of it."""
         away = np.linalg.norm(self.middles - spot, axis=1)
-        return bool((away > self.radii + radius_mm + BESIDE_MM).all())
+        return bool((away > self.radii + radius_mm + CLEARANCE_MM).all())
 
     def hides(self, points: Array, viewpoint: Array) -> bool:
         """Whether any of it may be before one of (N, 3) points, seen from a viewpoint (3,) above them."""
@@ -44,19 +44,19 @@ class Beside:
         ends = hand.ends_mm @ np.swapaxes(tools[:, None, :3, :3], 2, 3) + tools[:, None, None, :3, 3]
         away = off_segments(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
         low = ends[..., 2].min(axis=2) - hand.radius_mm
-        near = away < self.radii + hand.radius_mm[:, None] + BESIDE_MM
-        return np.asarray(~(near & (low[..., None] < self.tops + BESIDE_MM)).any(axis=(1, 2)))
+        near = away < self.radii + hand.radius_mm[:, None] + CLEARANCE_MM
+        return np.asarray(~(near & (low[..., None] < self.tops + CLEARANCE_MM)).any(axis=(1, 2)))
 
 
-def beside_of(corners: Sequence[Array]) -> Beside:
+def obstacles_of(corners: Sequence[Array]) -> Obstacles:
     """What things take up some of whose corners are known, (M, 3) each, world mm."""
     spans = [(each.min(axis=0), each.max(axis=0)) for each in corners]
     middles = np.array([(low[:2] + high[:2]) / 2 for low, high in spans]).reshape(-1, 2)
     radii = [np.linalg.norm(c[:, :2] - m, axis=1).max() for c, m in zip(corners, middles, strict=True)]
-    return Beside(middles, np.array(radii, float), np.array([high[2] for _, high in spans], float))
+    return Obstacles(middles, np.array(radii, float), np.array([high[2] for _, high in spans], float))
 
 
-def free_spots(beside: Beside, radius_mm: float, settings: Settings) -> list[Array]:
+def free_spots(beside: Obstacles, radius_mm: float, settings: Settings) -> list[Array]:
     """(2,) each: where on the table a part that reaches so far may be placed, the middle of what is surveyed first.
     Free of what lies beside and of keep-outs, and not at the bin."""
     middle = np.array(settings.surveys[0].centre_mm[:2])
@@ -74,7 +74,7 @@ def free_spots(beside: Beside, radius_mm: float, settings: Settings) -> list[Arr
         and np.linalg.norm(spot - bin_at) > BIN_MM + radius_mm
         and (spot > low + radius_mm).all()
         and (spot < high - radius_mm).all()
-        and not any(_near(spot, box) < radius_mm + BESIDE_MM for box in bounds)
+        and not any(_near(spot, box) < radius_mm + CLEARANCE_MM for box in bounds)
     ]
 
 

@@ -21,9 +21,9 @@ import numpy as np
 from daemon import frames
 from daemon.arm.motion import NotSentError
 from daemon.arrays import Array
-from daemon.pick.fused_objects import known
+from daemon.pick.fused_objects import fuse_objects
 from daemon.pick.looks import Look
-from daemon.pick.planning.next_view import places_round
+from daemon.pick.planning.next_view import viewpoints_round
 from daemon.pick.seen import ObservedPart, seen_parts
 from daemon.pick.settings import SurveyView
 from daemon.store.library import load_facets
@@ -104,7 +104,7 @@ async def by_themselves(
         await here.cycle.move_to(view.pose(here.cycle.cell.mounting), "survey")
         looks.append(await here.cycle.look())
     assert here.cycle.recogniser is not None
-    together = known(looks, here.cycle.recogniser, here.cycle.settings.doubt)
+    together = fuse_objects(looks, here.cycle.recogniser, here.cycle.settings.doubt)
     return looks, [part for one in looks for part in seen_parts(one) if part.named], together
 
 
@@ -158,7 +158,7 @@ async def facets_found(seed: int, model: Model, rows: list[tuple[float, bool, bo
         _heap(here, rng)
         solids = [exact(frames.apply(p.pose, p.shape.hull.vertices), p.shape.hull.faces) for p in here.cell.world.parts]
         middle = np.mean([one.corners_mm.mean(axis=0) for one in solids], axis=0)
-        for pose in rng.permutation(places_round(middle, here.cycle.cell.mounting))[:12]:
+        for pose in rng.permutation(viewpoints_round(middle, here.cycle.cell.mounting))[:12]:
             try:
                 await here.cycle.move_to(pose, "round")
             except NotSentError:

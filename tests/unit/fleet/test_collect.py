@@ -13,7 +13,7 @@ import pytest
 from daemon import ctl
 from daemon.fleet.collect import collect, source_of
 from daemon.fleet.store import Store, StoreError, open_store
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from tests.fakes.made_run import MadeRun, quiet
 from tests.unit.fleet.conftest import CellMaker
 
@@ -23,7 +23,7 @@ for needed in ("pyarrow", "fsspec", "duckdb"):
 
 def picks(store: Store) -> list[tuple[str, int]]:
     found: list[tuple[str, int]] = (
-        opened(store).execute("SELECT cell, count(*) FROM cycles GROUP BY cell ORDER BY cell").fetchall()
+        open_views(store).execute("SELECT cell, count(*) FROM cycles GROUP BY cell ORDER BY cell").fetchall()
     )
     return found
 

@@ -13,7 +13,7 @@ from daemon.fleet.collect import collect, source_of
 from daemon.fleet.layout import add_month, add_rows, rows_of, schema_of
 from daemon.fleet.schema import TABLES, VERSION
 from daemon.fleet.store import Store, StoreError
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.digest import digest
 from daemon.review.page import read_digest
 from tests.fakes.made_run import MadeRun, part
@@ -126,7 +126,7 @@ def test_a_persons_stop_of_an_older_schema_is_no_tried_pick(store: Store) -> Non
     path = Path(store.path("tables", "cycles", "cell=north", "month=2025-12", "rows.parquet"))
     path.parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(rows, schema), path)
-    found = opened(store).execute("SELECT outcome, tried, cause FROM cycles ORDER BY ALL").fetchall()
+    found = open_views(store).execute("SELECT outcome, tried, cause FROM cycles ORDER BY ALL").fetchall()
     assert found == [
         ("aborted", False, CauseCode.OPERATOR_STOP.summary), ("fault", True, CauseCode.CAMERA_LOST.summary),
         ("picked", True, None), ("unfinished", False, CauseCode.CUT_OFF.summary),
@@ -138,12 +138,12 @@ def test_files_of_an_older_schema_are_read_with_those_of_today(store: Store, cel
     older(store, "north", "2025-12")
     collect(store, [source_of(f"south={cell('south')}")])
     asked = "SELECT cell, outcome, tried, count(*) FROM cycles GROUP BY ALL ORDER BY ALL"
-    assert opened(store).execute(asked).fetchall() == [("north", "missed", None, 1), ("south", "picked", True, 2)]
+    assert open_views(store).execute(asked).fetchall() == [("north", "missed", None, 1), ("south", "picked", True, 2)]
 
 
 def test_a_column_that_no_file_of_the_store_has_yet_is_null(store: Store) -> None:
     older(store, "north", "2025-12")
-    assert opened(store).execute("SELECT outcome, eyes FROM cycles").fetchall() == [("missed", None)]
+    assert open_views(store).execute("SELECT outcome, eyes FROM cycles").fetchall() == [("missed", None)]
 
 
 def test_which_cameras_looked_stands_with_each_look_and_each_pick(tmp_path: Path) -> None:
@@ -188,8 +188,8 @@ def test_rows_of_a_run_are_replaced_not_doubled_and_sorted_by_day(store: Store, 
     given = [rows_of(read_digest(folder)) for folder in sorted(runs.iterdir(), reverse=True)]
     for run in (*given, given[0]):
         add_rows(store, "north", [run])
-    assert opened(store).execute("SELECT count(*), count(DISTINCT run) FROM cycles").fetchone() == (4, 2)
-    days = opened(store).execute("SELECT day FROM cycles").fetchnumpy()["day"]
+    assert open_views(store).execute("SELECT count(*), count(DISTINCT run) FROM cycles").fetchone() == (4, 2)
+    days = open_views(store).execute("SELECT day FROM cycles").fetchnumpy()["day"]
     assert (days[1:] >= days[:-1]).all()
 
 
@@ -202,4 +202,4 @@ def test_other_readers_find_the_documented_columns(store: Store, cell: CellMaker
         assert set(found.column_names) == {c.name for c in TABLES[name].columns} | {"cell", "month"}
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     assert set(pandas.read_parquet(store.path("tables", "cycles"))["outcome"]) == {"picked"}
-    assert {cell for (cell,) in opened(store).execute("SELECT cell FROM runs").fetchall()} == {"7", "north"}
+    assert {cell for (cell,) in open_views(store).execute("SELECT cell FROM runs").fetchall()} == {"7", "north"}

@@ -12,7 +12,7 @@ import pytest
 from daemon.fleet.layout import add_rows, rows_of
 from daemon.fleet.page import STATES, faults_by_cause, fleet_data, is_worse, write_fleet_page
 from daemon.fleet.store import Store, StoreError, open_store
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.digest import Digest, digest
 from daemon.review.page import read_digest
 from tests.fakes.made_run import MadeRun
@@ -120,12 +120,12 @@ def test_set_downs_are_counted_by_what_the_look_after_them_found(tmp_path: Path)
     (north,) = fleet_data(store, 7)["cells"]
     assert north["placed"] == [3, 1, 1]
     asked = "SELECT place, place_status, place_off_mm, place_off_deg FROM cycles ORDER BY cycle"
-    rows = opened(store).execute(asked).fetchall()
+    rows = open_views(store).execute(asked).fetchall()
     assert rows[0] == (None,) * 4, "to the bin"
     assert rows[4] == ("tray.3", "off", pytest.approx(1.8), pytest.approx(0.4))
     assert rows[5] == ("nest", "missing", None, None)
     missed = next(question for question in QUESTIONS if question.text == "Which place is missed, where?")
-    answer = opened(store).execute(missed.sql).fetchall()
+    answer = open_views(store).execute(missed.sql).fetchall()
     assert [row[2:5] for row in answer][:2] == [("nest", 1, 0), ("tray.3", 1, 0)]
     assert len(answer) == 5
 

@@ -10,7 +10,7 @@ import pytest
 
 from daemon.fleet.layout import rows_of
 from daemon.fleet.store import Store, open_store
-from daemon.fleet.views import opened
+from daemon.fleet.views import open_views
 from daemon.review.page import read_digest
 from daemon.store import folders
 from tests.fakes.made_run import MadeRun, part
@@ -51,7 +51,7 @@ NOT_MADE = ("Which part was given a name that the pick then disproved?", "Which 
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda q: q.text)
 def test_a_question_is_answered(year: Store, question: Question) -> None:
-    answer = opened(year).execute(question.sql)
+    answer = open_views(year).execute(question.sql)
     columns = [d[0] for d in answer.description]
     rows = answer.fetchall()
     assert len(columns) == len(set(columns))
@@ -62,20 +62,20 @@ def test_a_question_is_answered(year: Store, question: Question) -> None:
 
 def test_counts_agree_with_what_was_written(year: Store) -> None:
     """Question two, counted once more by hand."""
-    rows = opened(year).execute("SELECT cell, label, outcome FROM cycles WHERE tried").fetchall()
-    top = opened(year).execute(QUESTIONS[1].sql).fetchone()
+    rows = open_views(year).execute("SELECT cell, label, outcome FROM cycles WHERE tried").fetchall()
+    top = open_views(year).execute(QUESTIONS[1].sql).fetchone()
     assert top is not None
     of = [outcome for cell, label, outcome in rows if (cell, label) == top[:2]]
     assert (len(of), sum(outcome != "picked" for outcome in of)) == top[2:4]
 
 
 def test_only_the_months_that_are_asked_for_are_opened(year: Store) -> None:
-    (months,) = zip(*opened(year, ["2026-06"]).execute("SELECT DISTINCT month FROM looks").fetchall(), strict=True)
+    (months,) = zip(*open_views(year, ["2026-06"]).execute("SELECT DISTINCT month FROM looks").fetchall(), strict=True)
     assert months == ("2026-06",)
 
 
 def test_a_store_without_a_row_answers_with_none(tmp_path: Path) -> None:
-    asked = opened(open_store(str(tmp_path)))
+    asked = open_views(open_store(str(tmp_path)))
     assert [asked.execute(q.sql).fetchall() for q in QUESTIONS] == [[]] * len(QUESTIONS)
 
 
@@ -96,10 +96,10 @@ def test_the_documented_lines_of_sql_run_as_they_stand(year: Store) -> None:
 def test_the_documented_line_makes_a_folder_a_cell_and_day_of_the_table(year: Store, tmp_path: Path) -> None:
     line = re.search(r"^`(COPY .*)`\.$", DATA, re.MULTILINE)
     assert line
-    opened(year).execute(line[1].replace("'days'", f"'{tmp_path}/days'"))
+    open_views(year).execute(line[1].replace("'days'", f"'{tmp_path}/days'"))
     assert len(list((tmp_path / "days").glob("cell=*/day=2026-??-??"))) == 8 * 60
     (there,) = duckdb.execute(f"SELECT count(*) FROM '{tmp_path}/days/*/*/*.parquet'").fetchone()
-    assert there == opened(year).execute("SELECT count(*) FROM looks").fetchone()[0]
+    assert there == open_views(year).execute("SELECT count(*) FROM looks").fetchone()[0]
 
 
 def test_the_rows_of_a_day_lie_together_in_their_month_s_file(year: Store) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.fleet.replay_results import differences, kinds_of, light_of, summed
+from daemon.fleet.replay_results import count_by_kind, differences, light_of, summed
 
 
 def look(seq: int, *parts: tuple[str | None, str | None, str | None], **more: Any) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def test_proved_names_that_were_lost_come_first_among_the_differences() -> None:
         look(4, ("cube", "unknown", "cube")),
     ))])  # fmt: skip
     assert [one["seq"] for one in found] == [4, 3, 1]
-    assert kinds_of(found) == {"cube -> unknown": 1, "cube -> pyramid": 1, "unknown -> cube": 1}
+    assert count_by_kind(found) == {"cube -> unknown": 1, "cube -> pyramid": 1, "unknown -> cube": 1}
 
 
 @pytest.mark.parametrize(

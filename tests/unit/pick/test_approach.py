@@ -107,7 +107,7 @@ def test_a_look_that_does_not_find_a_part_counts_as_a_try_at_it(monkeypatch):
     fake.lying.update(lying)
     brought_to(PickState.VERIFY, context, world)
     monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
-    monkeypatch.setattr(take, "in_hand", lambda *_: False)
+    monkeypatch.setattr(take, "shows_in_gripper", lambda *_: False)
     assert step(context, world, PickState.VERIFY) is PickEvent.MISSED
     assert [(one.outcome, one.why.split(" after ")[-1]) for one in world.skipped] == [("missed", "2 tries")]
 
@@ -119,10 +119,10 @@ def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after
     fake.lying.clear()
     for _ in range(context.settings.views_of_doubtful):
         assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
-    assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
+    assert len(world.unseen_directions_of(world.the_target().centre)) == context.settings.views_of_doubtful
     assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert "not seen where it was" in world.result.why
-    assert world.odd == {"not found at the expected position": context.settings.views_of_doubtful + 1}
+    assert world.disagreements == {"not found at the expected position": context.settings.views_of_doubtful + 1}
 
 
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):
@@ -174,7 +174,7 @@ def test_a_part_whose_turn_does_not_show_along_the_approach_is_looked_at_from_a_
     brought_to(PickState.ESTIMATING, context, world)
     side = context.cell.mounting.look_pose(world.the_target().look_rotation, np.zeros(3), 1.0)[:3, :3]
     side = frames.rotation_from_vector(np.array([0.0, 0.6, 0.0])) @ side
-    monkeypatch.setattr(approach, "side_that_shows", lambda *_: side)
+    monkeypatch.setattr(approach, "side_that_shows_turn", lambda *_: side)
     assert step(context, world, PickState.ESTIMATING) is PickEvent.UNSURE
     assert step(context, world, PickState.STOP_N) is PickEvent.THERE
     assert context.mover.belief.resting_reading.world_from_tool[:3, :3] == pytest.approx(side, abs=1e-3)
@@ -252,9 +252,9 @@ def test_where_nothing_else_is_in_view_the_table_is_looked_at_again_and_the_doub
     fake.put("pyramid", 430, -200, 0.4)
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     assert step(context, world, PickState.ESTIMATING) is PickEvent.DOUBT
-    assert world.questioned is not None
-    assert [part.label for part in world.questioned.itself] == ["cube"]
-    assert "cube" not in [part.label for part in world.questioned.others]
+    assert world.before_disagreement is not None
+    assert [part.label for part in world.before_disagreement.itself] == ["cube"]
+    assert "cube" not in [part.label for part in world.before_disagreement.others]
 
 
 def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():
@@ -279,7 +279,7 @@ def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_ar
     fake = one_part()
     fake.put("pyramid", 430, -200, 0.4)
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
-    world.doubts = context.settings.tries
+    world.disagreement_count = context.settings.tries
     with pytest.raises(SuspectError, match=r"3 approaches in one pick.*likely cause: hand-eye"):
         step(context, world, PickState.ESTIMATING)
 
@@ -294,6 +294,6 @@ def test_an_arm_that_somebody_nudged_before_the_last_look_is_told_and_nobody_cal
         fake.at = frames.perturb(fake.at, np.array([8.0, 0, 0, 0, 0, 0]))
 
     context, world = twice_looked(fake, nudged)
-    world.doubts = doubts
+    world.disagreement_count = doubts
     with pytest.raises(MovedByOthersError, match=r"somebody else moved the arm after it came to rest, by 8\.0"):
         step(context, world, PickState.ESTIMATING)

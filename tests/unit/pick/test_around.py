@@ -17,9 +17,9 @@ from daemon.pick.around import (
     NEAREST_MM,
     CircledPart,
     NoSinglePartError,
+    look_from_around,
     single_part_in,
-    tour_round,
-    walk_round,
+    viewpoints_around,
 )
 from daemon.pick.settings import Settings
 from daemon.vision.facets import merge_vertices
@@ -35,7 +35,7 @@ def cameras(poses: list[np.ndarray]) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [LEAST_PLACES, 9, MOST_PLACES])
 def test_the_places_lie_all_round_and_look_at_the_middle(count: int) -> None:
-    poses = tour_round(THING, count, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
+    poses = viewpoints_around(THING, count, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
     assert len(poses) == count
     away = cameras(poses)
     assert np.linalg.norm(away, axis=1) == pytest.approx(NEAREST_MM, abs=1e-6)
@@ -50,14 +50,14 @@ def test_only_allowed_places_are_chosen_each_once() -> None:
     def allowed(world_from_tool: np.ndarray) -> bool:
         return bool((world_from_tool @ TOOL_FROM_CYCLOPEAN)[1, 3] > 20.0)
 
-    poses = tour_round(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), allowed)
+    poses = viewpoints_around(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), allowed)
     assert all(allowed(p) for p in poses)
     assert len({p.tobytes() for p in poses}) == len(poses) == 12
-    assert tour_round(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: False) == []
+    assert viewpoints_around(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: False) == []
 
 
 def test_a_large_thing_is_looked_at_from_farther_away() -> None:
-    far = tour_round(CircledPart(THING.middle, 80.0), 6, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
+    far = viewpoints_around(CircledPart(THING.middle, 80.0), 6, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
     assert np.linalg.norm(cameras(far), axis=1).min() > 1.3 * NEAREST_MM
 
 
@@ -104,7 +104,7 @@ class Walk:
         )
         self.context: Any = SimpleNamespace(
             cell=SimpleNamespace(mounting=OnHand(TOOL_FROM_CYCLOPEAN)), mover=self.mover,
-            settings=Settings(surveys=Settings().surveys[:1] * 2), look=self.look, lit_look=self.look,
+            settings=Settings(surveys=Settings().surveys[:1] * 2), look=self.look, look_exposed=self.look,
         )  # fmt: skip
 
     async def wait_until_at_rest(self) -> str:
@@ -125,7 +125,7 @@ class Walk:
         async def told(text: str) -> None:
             self.told.append(text)
 
-        return asyncio.run(walk_round(self.context, count, told))
+        return asyncio.run(look_from_around(self.context, count, told))
 
 
 def test_a_thing_is_looked_at_from_each_place_that_is_reached_and_how_much_of_it_each_shows_is_told() -> None:

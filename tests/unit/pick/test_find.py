@@ -13,7 +13,7 @@ from daemon.arm import MovedByOthersError
 from daemon.events.codes import CauseCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import find
-from daemon.pick.find import MOST_OLD
+from daemon.pick.find import MOST_STALE
 from daemon.pick.outcome import PickResult, Skipped
 from daemon.pick.planning.plan import NoPlan
 from daemon.pick.settings import Settings, SurveyView
@@ -29,7 +29,7 @@ from tests.fakes.regrasps import goal_on
 def test_an_old_look_sends_back_to_the_survey_a_few_times_then_the_guard_has_its_say():
     fake = one_part()
     context, world = begun(fake)
-    for _ in range(MOST_OLD):
+    for _ in range(MOST_STALE):
         brought_to(PickState.CHOOSE, context, world)
         fake.now_s += context.settings.limits.max_look_age_s
         assert step(context, world, PickState.CHOOSE) is PickEvent.STALE
@@ -75,7 +75,7 @@ def questioned(fake):
     """A pick that asks whether what it found lies where it lay."""
     context, world = begun(fake)
     brought_to(PickState.CHOOSE, context, world)
-    world.questioned = BeforeDisagreement(list(world.found), [])
+    world.before_disagreement = BeforeDisagreement(list(world.found), [])
     return context, world
 
 
@@ -83,14 +83,14 @@ def test_a_question_is_settled_by_parts_that_lie_where_they_lay():
     fake = one_part()
     context, world = questioned(fake)
     assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
-    assert world.questioned is None
+    assert world.before_disagreement is None
     assert fake.said("decision")[-1]["text"] == "suspect: part"
 
 
 def test_a_question_that_no_other_part_answers_stops_the_pick():
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = BeforeDisagreement([], [])
+    world.before_disagreement = BeforeDisagreement([], [])
     with pytest.raises(SuspectError, match="cannot tell which"):
         step(context, world, PickState.SURVEY)
 
@@ -99,7 +99,7 @@ def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
     """Looks disagree now and then by chance: that must not end a night's last pick."""
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = BeforeDisagreement([], world.questioned.others)
+    world.before_disagreement = BeforeDisagreement([], world.before_disagreement.others)
     assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
     assert fake.said("decision")[-1]["text"] == "approach it again"
     assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
@@ -108,7 +108,7 @@ def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
 def test_a_part_alone_that_lies_elsewhere_tells_nothing_apart_from_a_knock():
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = BeforeDisagreement([], world.questioned.others)
+    world.before_disagreement = BeforeDisagreement([], world.before_disagreement.others)
     fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="cannot tell which"):
         step(context, world, PickState.SURVEY)
@@ -127,7 +127,7 @@ def test_a_part_that_no_lone_facet_bars_and_that_cannot_be_had_is_skipped_at_onc
     context, world = begun(fake)
     brought_to(PickState.CHOOSE, context, world)
     no_plan = NoPlan(CauseCode.NO_GRASP, "no grasp")
-    monkeypatch.setattr(find, "_planned", lambda *_: (None, no_plan))
+    monkeypatch.setattr(find, "_plan_with_side_view", lambda *_: (None, no_plan))
     assert step(context, world, PickState.CHOOSE) is PickEvent.NONE_LEFT
     assert [(skipped.outcome, skipped.why) for skipped in world.skipped] == [(Outcome.UNREACHABLE, "no grasp")]
 
@@ -174,7 +174,7 @@ def test_all_is_looked_at_from_far_of_the_looks_before_where_the_arm_gets_there(
     brought_to(PickState.CHOOSE, context, world)
     before, looks = fake.at.copy(), len(world.looks)
     fake.reach_mm = 900.0 if reached else 1.0
-    assert asyncio.run(find.other_side(context, world)) is reached
+    assert asyncio.run(find.look_from_other_side(context, world)) is reached
     assert len(world.looks) - looks == int(reached)
     middle = world.found[0].centre
     ways = [ON_HAND.world_from_cyclopean_at(pose)[:2, 3] - middle[:2] for pose in (before, fake.at)]
@@ -192,7 +192,7 @@ def test_a_part_that_is_taught_no_more_is_not_picked_and_told_with_all_that_it_f
     context, world = begun(fake, replace(Settings(), views_of_doubtful=0))
     brought_to(PickState.CHOOSE, context, world)
     part = world.found[0]
-    world.found = [replace(part, part=replace(part.part, recognition=replace(part.taken_for, candidates=candidates)))]
+    world.found = [replace(part, part=replace(part.part, recognition=replace(part.recognition, candidates=candidates)))]
     monkeypatch.setattr(type(context.recogniser), "shape", lambda *_: None)
     assert step(context, world, PickState.CHOOSE) is PickEvent.NONE_LEFT
     assert world.target is None
@@ -242,9 +242,9 @@ def test_a_part_goes_to_a_place_where_nothing_shows_and_not_where_it_lies_alread
 def test_what_is_found_is_told_by_name_in_order_and_what_has_none_last():
     parts: Any = (SimpleNamespace(named=label != "", label=label) for label in ("cube", "pyramid", ""))
     cube, pyramid, nameless = parts
-    assert find.in_all([nameless, pyramid, cube, pyramid]) == "1 cube, 2 pyramid, 1 without a name"
-    assert find.in_all([cube]) == "1 cube"
-    assert find.in_all([]) == "nothing"
+    assert find.describe_parts([nameless, pyramid, cube, pyramid]) == "1 cube, 2 pyramid, 1 without a name"
+    assert find.describe_parts([cube]) == "1 cube"
+    assert find.describe_parts([]) == "nothing"
 
 
 def test_what_has_no_name_is_looked_at_again_as_often_as_is_set_and_the_least_known_first():
@@ -253,6 +253,6 @@ def test_what_has_no_name_is_looked_at_again_as_often_as_is_set_and_the_least_kn
     context: Any = SimpleNamespace(settings=replace(Settings(), views_of_doubtful=2))
     world: Any = SimpleNamespace(left=lambda _: [named, one, two], looked_again=[])
     for expected in (one, two, one, two, None):
-        least: Any = find.least_known(context, world)
+        least: Any = find.next_unnamed_part(context, world)
         assert least is expected
         world.looked_again += [] if expected is None else [expected.centre]

@@ -27,9 +27,9 @@ from daemon.pick.following import (
     fitted,
     held_by_edges,
     held_pose,
-    in_hand,
     least_error,
-    left_hand,
+    shows_in_gripper,
+    shows_release,
 )
 from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.grippers.two_fingers import tool_rotation
@@ -103,7 +103,7 @@ def seems_empty(seed: int, holds_cube: bool) -> bool:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("held", [True, False])
 def test_a_part_is_seen_in_the_hand_that_holds_it_and_in_no_other(seed: int, held: bool) -> None:
-    assert in_hand(grasped(), *look_back(seed, held), DOUBT) is held
+    assert shows_in_gripper(grasped(), *look_back(seed, held), DOUBT) is held
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -111,16 +111,16 @@ def test_a_part_is_seen_in_the_hand_that_holds_it_and_in_no_other(seed: int, hel
 def test_a_part_left_the_hand_where_its_edges_are_gone_once_it_opened(seed: int, held: bool) -> None:
     before, mount = look_back(seed, held)
     after, _ = over_a_table(False, 50.0, seed=seed, table="patterned", parts="printed")
-    assert left_hand(grasped(), before, after, mount, DOUBT) is held
-    assert not left_hand(grasped(), before, before, mount, DOUBT), "nothing is gone"
+    assert shows_release(grasped(), before, after, mount, DOUBT) is held
+    assert not shows_release(grasped(), before, before, mount, DOUBT), "nothing is gone"
 
 
 def test_a_part_of_which_two_faces_melt_in_the_light_above_the_bin_is_seen_to_leave_the_hand() -> None:
     """Seven tenths of its edges showed there, and a part that was in the bin counted as released only."""
     before, mount = over_a_table(True, 50.0, 210.0, 200.0, seed=1)
     after, _ = over_a_table(False, 50.0, 210.0, 200.0, seed=1)
-    assert not in_hand(grasped(), before, mount, DOUBT)
-    assert left_hand(grasped(), before, after, mount, DOUBT)
+    assert not shows_in_gripper(grasped(), before, mount, DOUBT)
+    assert shows_release(grasped(), before, after, mount, DOUBT)
 
 
 def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as_jaws_push(
@@ -144,14 +144,17 @@ def test_edges_in_the_gripper_are_sought_near_the_grasp_first_and_then_as_far_as
 
         monkeypatch.setattr(following, "clear_edge_fraction", share)
         monkeypatch.setattr(following, "vanished_edge_fraction", share)
-        for asked in (lambda: in_hand(target, look, mount, DOUBT), lambda: left_hand(target, look, look, mount, DOUBT)):
+        for asked in (
+            lambda: shows_in_gripper(target, look, mount, DOUBT),
+            lambda: shows_release(target, look, look, mount, DOUBT),
+        ):
             sought.clear()
             assert asked() is (where != "none")
             assert sought[0] < 3.0
             assert sought[1:] == ([] if where == "near" else [following.REACH_MM])
     target.estimate = None
     sought.clear()
-    assert not in_hand(target, look, mount, DOUBT)
+    assert not shows_in_gripper(target, look, mount, DOUBT)
     assert sought == [following.REACH_MM], "nothing says how far off it may be"
 
 
@@ -216,7 +219,7 @@ def test_facets_that_are_sure_and_taken_for_others_do_not_outweigh_the_pose_that
     target: Any = SimpleNamespace(
         label="cube", shape=shape, world_from_part=named, centre=corners.mean(0), estimate=None
     )
-    monkeypatch.setattr(following, "by_edges", lambda *_: None)
+    monkeypatch.setattr(following, "fit_pair_by_edges", lambda *_: None)
     fit = fitted(target, look)
     assert fit is not None
     np.testing.assert_allclose(fit.cyclopean_from_part, named)
@@ -234,7 +237,7 @@ def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_o
         return SimpleNamespace(label="cube", facets=facets, look=look, **where)
 
     def said(before: Any, now: Any) -> list[float]:
-        return following.beside(before, now, lambda label: label, None, None)  # type: ignore[arg-type, return-value]
+        return following.chi_squares_of_others(before, now, lambda label: label, None, None)  # type: ignore[arg-type, return-value]
 
     first, second = part("ab", 0.0), part("c", 1.0)
     assert said([first], [second]) == [3]
@@ -267,7 +270,7 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     np.testing.assert_allclose(found[0][0], frames.inverse(tool_from_cyclopean) @ grasped_at)
     assert found[0][1] == pytest.approx(farthest_mm(target.shape, grasped_at, loose))
     np.testing.assert_allclose(held.seen, seen, atol=1e-9)
-    turn_variance = 1e-6 + np.radians(following.BESIDE_FINGERS_DEG) ** 2
+    turn_variance = 1e-6 + np.radians(following.FINGER_EDGE_DEG) ** 2
     assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / (1e-4 + turn_variance), rel=0.05)
     shift, turned = frames.size(frames.difference(held.pose, grasped_at))
     assert (shift, np.degrees(turned)) == pytest.approx((mm / 1.01, deg * 1e-4 / (1e-4 + turn_variance)), rel=0.03)
@@ -380,12 +383,12 @@ def test_turns_that_edges_bear_out_about_equally_are_in_the_covariance(
     """The look has one of two turns ahead of all others by so many nats."""
     turns, own = turns_left(90.0), 1e-6 * np.eye(6)
     monkeypatch.setattr(following, "aligned_to_edges", lambda solids, stereo, poses, mm: poses)
-    monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, mm: Fit(near, own, 0.1, 9))
+    monkeypatch.setattr(following, "fit_pair_by_edges", lambda shape, taken, near, mm: Fit(near, own, 0.1, 9))
     scores = [(np.eye(4), 20.0), (turns[6], 30.0), (turns[12], 30.0 + lead)]
     monkeypatch.setattr(
         following, "_nats_at", lambda shape, stereo, pose: next((n for at, n in scores if np.allclose(at, pose)), 0.0)
     )
-    fit = following.by_edges_in_any_turn(KNOB, SimpleNamespace(stereo=None), np.eye(4), 6.0, turns)  # type: ignore[arg-type]
+    fit = following.fit_pair_in_any_turn(KNOB, SimpleNamespace(stereo=None), np.eye(4), 6.0, turns)  # type: ignore[arg-type]
     assert fit is not None
     np.testing.assert_allclose(fit.cyclopean_from_part, turns[12])
     assert (frames.rms_deg(fit.covariance[3:, 3:]) > 25.0) is not sure
@@ -396,10 +399,12 @@ def test_a_turn_that_looks_the_same_leaves_nothing_undecided(monkeypatch: pytest
     monkeypatch.setattr(following, "aligned_to_edges", lambda solids, stereo, poses, mm: poses)
     monkeypatch.setattr(following, "_nats_at", lambda shape, stereo, pose: 0.0)
     monkeypatch.setattr(
-        following, "by_edges", lambda _, __, pose, ___: Fit(near if pose is near else half, 1e-6 * np.eye(6), 0.1, 9)
+        following,
+        "fit_pair_by_edges",
+        lambda _, __, pose, ___: Fit(near if pose is near else half, 1e-6 * np.eye(6), 0.1, 9),
     )
     seen: Any = SimpleNamespace(stereo=None)
-    fit = following.by_edges_in_any_turn(KNOB, seen, near, 6.0, turns_left(90.0))
+    fit = following.fit_pair_in_any_turn(KNOB, seen, near, 6.0, turns_left(90.0))
     assert fit is not None
     assert frames.rms_deg(fit.covariance[3:, 3:]) < 1.0
 
@@ -460,7 +465,7 @@ def test_in_a_pair_of_one_camera_each_picture_says_where_the_part_is_and_the_arm
         following, "fit_by_each_camera", lambda *about: asked.append(about) or (fits if shown else None)
     )
     pair: Any = SimpleNamespace(stereo="the pictures", rig=both, moved=SimpleNamespace(arm=arm))
-    found = following.by_edges(shape_of("cube"), pair, truth, 7.0)
+    found = following.fit_pair_by_edges(shape_of("cube"), pair, truth, 7.0)
     assert [about[1:] for about in asked] == [("the pictures", truth, 7.0)]
     if not shown:
         assert found is None
@@ -468,7 +473,7 @@ def test_in_a_pair_of_one_camera_each_picture_says_where_the_part_is_and_the_arm
     assert found is not None
     share = TOLERANCE_MM / (50.0 * np.sqrt(3.0))
     poses, own = [fit.cyclopean_from_part for fit in fits], [fit.covariance for fit in fits]
-    pose, covariance = moved_pair.weighed(poses, own, (both.left, both.right), arm, share)
+    pose, covariance = moved_pair.fuse_single_camera_poses(poses, own, (both.left, both.right), arm, share)
     np.testing.assert_allclose(found.cyclopean_from_part, pose)
     np.testing.assert_allclose(found.covariance, covariance)
     assert abs(found.cyclopean_from_part[0, 3] - 5.0) < 0.1

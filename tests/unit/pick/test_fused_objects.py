@@ -12,7 +12,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import fused_objects
-from daemon.pick.fused_objects import ONE_MM, known, outlines_of, telling, untaught_facets
+from daemon.pick.fused_objects import ONE_MM, fuse_objects, most_informative, outlines_of, untaught_facets
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
@@ -60,7 +60,7 @@ def as_look(parts: tuple[Part, ...], world_from_cyclopean: Array) -> Look:
 
 
 def labels(looks: list[Look], recogniser: ModelRecogniser) -> list[str]:
-    return [part.label for part in known(looks, recogniser, Doubt())]
+    return [part.label for part in fuse_objects(looks, recogniser, Doubt())]
 
 
 def test_what_neither_of_two_looks_names_alone_both_together_do(recogniser: ModelRecogniser) -> None:
@@ -100,7 +100,7 @@ def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, reco
         cyclopean_from_part=aside @ part.cyclopean_from_part,
         fitted_mm=tuple(frames.apply(aside, ring) for ring in part.fitted_mm),
     )
-    found = known([one, as_look((laid,), other.world_from_cyclopean)], recogniser, Doubt())
+    found = fuse_objects([one, as_look((laid,), other.world_from_cyclopean)], recogniser, Doubt())
     assert [thing.label for thing in found] == ["block"]
     assert np.linalg.norm(found[0].world_from_part[:3, 3] - seen_parts(one)[0].world_from_part[:3, 3]) < 3.0
 
@@ -136,7 +136,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
     monkeypatch.setattr(fused_objects, "fuse", fuse)
     monkeypatch.setattr(fused_objects, "share_on_face", on_face)
     for count in (5, 40):
-        known(odd_looks[:count], recogniser, Doubt())
+        fuse_objects(odd_looks[:count], recogniser, Doubt())
     assert fused == [fused_objects.MOST_FUSED] * 2
     assert 0 < tried < 100, "each part is held against the facets near it alone"
 
@@ -147,11 +147,15 @@ def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_
     names = [0, 3, 5, 90, 180, 183, 270, 272]
     looks = [look_from(recogniser, azimuth, 40, k) for k, azimuth in enumerate(names)]
     nothing = as_look((), np.eye(4))
-    chosen = [names[looks.index(look)] for look in telling([*looks, nothing, looks[1]][-9:], 5) if look is not nothing]
+    chosen = [
+        names[looks.index(look)]
+        for look in most_informative([*looks, nothing, looks[1]][-9:], 5)
+        if look is not nothing
+    ]
     assert {round(name / 90) % 4 for name in chosen} == {0, 1, 2, 3}
     assert 3 in chosen
-    assert telling(looks[:5], 5) == looks[:5]
-    assert telling([nothing] * 7, 5)[-1] is nothing
+    assert most_informative(looks[:5], 5) == looks[:5]
+    assert most_informative([nothing] * 7, 5)[-1] is nothing
 
 
 def test_from_where_a_look_was_is_its_cameras_place_and_not_how_they_were_turned(
@@ -167,7 +171,7 @@ def test_from_where_a_look_was_is_its_cameras_place_and_not_how_they_were_turned
 
     monkeypatch.setattr(fused_objects, "seen_parts", seen)
     newest, as_it, elsewhere = look((0, 0, 300), 0.0), look((0, 0, 300), 180.0), look((300, 0, 0), 0.0)
-    assert telling([as_it, elsewhere, newest], 2) == [elsewhere, newest]
+    assert most_informative([as_it, elsewhere, newest], 2) == [elsewhere, newest]
 
 
 @pytest.mark.parametrize(("names", "stay"), [(("block", "block"), [0]), (("block", "cut"), []), (("cut", "block"), [])])
@@ -183,17 +187,17 @@ def test_of_two_named_parts_with_a_facet_in_common_the_larger_stays_where_they_h
     monkeypatch.setattr(fused_objects, "_shares", lambda _, part, __: shares[id(part)])
     fused: Any = SimpleNamespace(polyhedron=seen)
     for parts in ([larger, less], [less, larger]):
-        kept = fused_objects.in_own_places(fused, parts, None)
+        kept = fused_objects.parts_not_overlapping(fused, parts, None)
         assert kept == [[larger, less][k] for k in stay]
     shares[id(less)] = np.array([0.0, 0.0, 1.0])
-    assert fused_objects.in_own_places(fused, [larger, less], None) == [larger, less]
+    assert fused_objects.parts_not_overlapping(fused, [larger, less], None) == [larger, less]
 
 
 def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
     look = look_from(recogniser, 0, 3)
-    assert [part.part for part in known([look], recogniser, Doubt())] == list(look.scene.parts)
-    assert known([as_look((), np.eye(4))], recogniser, Doubt()) == []
-    assert known([as_look((), np.eye(4))] * 2, recogniser, Doubt()) == []
+    assert [part.part for part in fuse_objects([look], recogniser, Doubt())] == list(look.scene.parts)
+    assert fuse_objects([as_look((), np.eye(4))], recogniser, Doubt()) == []
+    assert fuse_objects([as_look((), np.eye(4))] * 2, recogniser, Doubt()) == []
 
 
 def test_where_looks_cannot_be_fused_what_each_says_by_itself_stands(
@@ -206,12 +210,14 @@ def test_where_looks_cannot_be_fused_what_each_says_by_itself_stands(
     named, nameless = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
     assert labels([named, nameless], recogniser) == ["block", "unknown"]
     assert labels([nameless, named], recogniser) == ["block"], "what has no name is the newest look's"
-    (newest,) = known([named, again := look_from(recogniser, 135, 40, 2)], recogniser, Doubt())
+    (newest,) = fuse_objects([named, again := look_from(recogniser, 135, 40, 2)], recogniser, Doubt())
     assert newest.look is again
 
 
 def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: ModelRecogniser) -> None:
-    named, nameless = (known([look_from(recogniser, *way)], recogniser, Doubt())[0] for way in ((135, 40), (0, 3)))
+    named, nameless = (
+        fuse_objects([look_from(recogniser, *way)], recogniser, Doubt())[0] for way in ((135, 40), (0, 3))
+    )
     assert (len(outlines_of(named, recogniser)), len(outlines_of(nameless, recogniser))) == (6, 1)
     placed = np.concatenate(outlines_of(named, recogniser))
     assert placed.max(0) == pytest.approx([30, 20, 15], abs=1.5)
@@ -241,7 +247,7 @@ def test_what_stands_flush_beside_a_part_is_another_thing() -> None:
     partly = corner_only()
     one, beside = look_from(partly, 45, 40), look_from(partly, 225, 40, 1)
     moved = frames.rigid(np.eye(3), np.array([-60.0, 0.0, 0.0])) @ beside.world_from_cyclopean
-    assert len(known([one, as_look(beside.scene.parts, moved)], partly, Doubt())) == 2
+    assert len(fuse_objects([one, as_look(beside.scene.parts, moved)], partly, Doubt())) == 2
 
 
 @pytest.mark.parametrize(("rises_mm", "sides"), [(-30.0, 1), (30.0, 0), (0.0, 0)], ids=["down", "up", "flat"])
@@ -258,7 +264,7 @@ def test_only_what_bends_away_beyond_an_open_edge_is_a_side_never_taught(rises_m
 def test_named_parts_of_looks_without_a_facet_in_common_are_none(recogniser: ModelRecogniser) -> None:
     none = np.zeros((0, 0))
     nothing = FusedLooks((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
-    assert fused_objects.in_own_places(nothing, [], recogniser) == []
+    assert fused_objects.parts_not_overlapping(nothing, [], recogniser) == []
 
 
 @pytest.mark.parametrize(("rises_mm", "pieces"), [(-30.0, [[0, 1]]), (30.0, [[0], [1]])], ids=["ridge", "hollow"])

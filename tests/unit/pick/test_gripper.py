@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.pick.grippers.gripper import Gripper, HeldAbout, PlannedGrasp
+from daemon.pick.grippers.gripper import Gripper, HoldingVolume, PlannedGrasp
 from daemon.pick.grippers.suction import CupGrasp, SuctionCup
 from daemon.pick.grippers.two_fingers import SLIPS_DEG, FingerGrasp, TwoFingers
 
@@ -16,15 +16,15 @@ CUP = SuctionCup(cup_radius_mm=9.0, cup_length_mm=55.0, dwell_s=0.4, blow_off_s=
 @pytest.mark.parametrize(
     ("gripper", "outside", "held_about", "widest_mm", "tip_mm"),
     [
-        (FINGERS, ("opening_mm", 52.0), HeldAbout(40.0, 12.0, 16.0), 90.0, 12.0),
-        (CUP, ("cup_radius_mm", 9.0), HeldAbout(0.0, 0.0, 18.0), None, 0.0),
+        (FINGERS, ("opening_mm", 52.0), HoldingVolume(40.0, 12.0, 16.0), 90.0, 12.0),
+        (CUP, ("cup_radius_mm", 9.0), HoldingVolume(0.0, 0.0, 18.0), None, 0.0),
     ],
 )
 def test_how_far_it_reaches_and_what_it_holds_is_of_its_own_dimensions(
-    gripper: Gripper, outside: tuple[str, float], held_about: HeldAbout, widest_mm: float | None, tip_mm: float
+    gripper: Gripper, outside: tuple[str, float], held_about: HoldingVolume, widest_mm: float | None, tip_mm: float
 ) -> None:
     assert gripper.outside == outside
-    assert gripper.held_about == held_about
+    assert gripper.holding_volume == held_about
     assert (gripper.widest_mm, gripper.tip_mm) == (widest_mm, tip_mm)
 
 
@@ -36,8 +36,8 @@ def test_a_look_can_tell_closed_fingers_with_nothing_between_and_no_cup() -> Non
 
 
 def test_a_vacuum_takes_its_time_to_come_and_to_go_and_fingers_have_theirs_elsewhere() -> None:
-    assert [CUP.works_s(closed) for closed in (True, False)] == [0.4, 0.1]
-    assert [FINGERS.works_s(closed) for closed in (True, False)] == [0.0, 0.0]
+    assert [CUP.work_time_s(closed) for closed in (True, False)] == [0.4, 0.1]
+    assert [FINGERS.work_time_s(closed) for closed in (True, False)] == [0.0, 0.0]
 
 
 HELD = FingerGrasp(np.eye(4), 10.0, width_mm=41.6, slip_deg=9.0)

@@ -205,8 +205,8 @@ def test_a_cup_is_worked_by_outputs_where_its_valves_are_there_and_no_other_grip
     kind = SuctionCup(dwell_s=0.4, blow_off_s=0.2) if gripper == "suction" else TwoFingers()
     cycle = cycle_of(fake, Settings(gripper=kind))
 
-    async def work_cup(closed: bool, works_s: float) -> None:
-        worked.append((closed, works_s))
+    async def work_cup(closed: bool, work_time_s: float) -> None:
+        worked.append((closed, work_time_s))
 
     cycle.production_line.work_cup = work_cup
     cycle.production_line._by_role = {"vacuum": "valve"} if wired else {}

@@ -153,7 +153,7 @@ def test_something_that_lies_where_the_part_was_to_be_laid_down_keeps_it_from_th
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     story = Turned(tmp_path)
-    monkeypatch.setattr(take, "is_barred", lambda *_: True)
+    monkeypatch.setattr(take, "is_blocked", lambda *_: True)
     story.pick()
     assert story.fake.binned == ["cube"]
     assert not story.fake.said("laid_down")

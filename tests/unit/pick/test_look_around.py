@@ -15,7 +15,7 @@ from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.arrays import Array
 from daemon.pick import find, following
 from daemon.pick.cycle import PickCycle
-from daemon.pick.find import in_all
+from daemon.pick.find import describe_parts
 from daemon.pick.looks import CapturedPair
 from daemon.pick.set_down import MOST_LOOKS
 from daemon.pick.world import InformationGain, WorldModel
@@ -78,7 +78,7 @@ def test_where_all_has_a_name_two_looks_from_other_sides_are_enough() -> None:
 )
 def test_what_was_found_is_told_by_name_and_how_many(labels: list[str], told: str) -> None:
     found: Any = [SimpleNamespace(label=label, named=bool(label)) for label in labels]
-    assert in_all(found) == told
+    assert describe_parts(found) == told
 
 
 @pytest.mark.parametrize(
@@ -97,22 +97,22 @@ def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
     def lies(label: str, x_mm: float) -> Any:
         centre = np.array([x_mm, 200.0, 0.0])
         return SimpleNamespace(
-            label=label, named=bool(label), centre=centre, taken_for=SimpleNamespace(confidence=0.985)
+            label=label, named=bool(label), centre=centre, recognition=SimpleNamespace(confidence=0.985)
         )
 
     async def compute(function: Any, *arguments: object) -> object:
         return function(*arguments)
 
-    monkeypatch.setattr(find, "open_bits", lambda *_: 1.5)
+    monkeypatch.setattr(find, "entropy_bits", lambda *_: 1.5)
     monkeypatch.setattr(find, "hypotheses_in_words", lambda _: "what it was taken for")
-    monkeypatch.setattr(find, "_thought_of", lambda *_: ("what it may be", 0.7))
+    monkeypatch.setattr(find, "_describe_hypotheses", lambda *_: ("what it may be", 0.7))
     gained: list[InformationGain] = []
     world: Any = SimpleNamespace(found=[lies(*one) for one in found], tell=lambda _, one: gained.append(one))
     settings = SimpleNamespace(limits=SimpleNamespace(table_z_mm=0.0))
     cell = SimpleNamespace(compute=compute, rig=None)
     context: Any = SimpleNamespace(cell=cell, recogniser=None, settings=settings)
     gain: Any = SimpleNamespace(bits=0.9, seconds=4.0)
-    lived(find.tell_gain(context, world, lies("", 100.0), [], gain))
+    lived(find.record_gain(context, world, lies("", 100.0), [], gain))
     about = "what lies at 100, 200 mm"
     assert gained == [InformationGain(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
 
@@ -174,7 +174,7 @@ def test_a_walk_round_sets_out_as_a_look_does_and_gives_what_it_saw(monkeypatch:
         return "a thing", ["a look"]
 
     monkeypatch.setattr(cycle, "_set_out_to_look", sets_out)
-    monkeypatch.setattr("daemon.pick.cycle.walk_round", walks)
+    monkeypatch.setattr("daemon.pick.cycle.look_from_around", walks)
     saw: Any = lived(cycle.walk_round(cycle.recogniser, 8, _told))
     assert saw == ("a thing", ["a look"])
     assert done == ["set out", "walked 8"]
@@ -193,7 +193,7 @@ def test_a_part_is_located_by_looks_from_sides_far_from_one_another(monkeypatch:
     world = one_part()
     cycle = cycle_of(world)
     lived(cycle.go("survey"))
-    monkeypatch.setattr(following, "_in_its_place", _shows_at)
+    monkeypatch.setattr(following, "_fit_where_expected", _shows_at)
     pose = lived(cycle.locate("cube"))
     looks = world.said("look")[1:]
     assert len(looks) == MOST_LOOKS

@@ -18,9 +18,9 @@ from daemon.pick.looks import (
     CapturedPair,
     Expected,
     MisleadingImagesError,
+    capture_pair,
     log_look,
     take_look,
-    taken_here,
     tracked_json,
     whole_look,
 )
@@ -45,7 +45,9 @@ def taken(expect):
 
     async def story():
         reading = Reading(world.at, np.zeros(6))
-        look = await take_look(cell, recogniser, await taken_here(cell, reading, 0.0, Settling()), 0.0, -300.0, expect)
+        look = await take_look(
+            cell, recogniser, await capture_pair(cell, reading, 0.0, Settling()), 0.0, -300.0, expect
+        )
         return look, await whole_look(cell.compute, recogniser, look)
 
     look, whole = asyncio.run(story())

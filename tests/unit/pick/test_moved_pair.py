@@ -47,7 +47,7 @@ def test_points_seen_from_two_places_are_met_where_they_are(mm: float, turn: flo
 def test_one_camera_alone_is_planned_with_as_a_pair_of_itself_60_mm_apart(alone: Any) -> None:
     both = rig()
     tool_from_cyclopean = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([10.0, 60.0, -40.0]))
-    planned, tool_from_planned = moved_pair.seen_by_one(both, tool_from_cyclopean, alone)
+    planned, tool_from_planned = moved_pair.rig_of_one_camera(both, tool_from_cyclopean, alone)
     camera = getattr(both, alone)
     assert planned.baseline_mm == pytest.approx(60.0)
     tool_from_first = tool_from_planned @ planned.left.cyclopean_from_camera
@@ -65,7 +65,7 @@ def test_a_camera_that_did_not_move_makes_no_pair() -> None:
 
 @given(st.floats(50, 1500), st.booleans())
 def test_the_camera_goes_40_to_120_mm_aside_and_does_not_turn(away_mm: float, known: bool) -> None:
-    for place in moved_pair.places_beside(DOWN, away_mm, known):
+    for place in moved_pair.second_viewpoints(DOWN, away_mm, known):
         moved = frames.difference(place, DOWN)
         assert 40.0 - 1e-9 <= np.linalg.norm(moved[:3]) <= 120.0 + 1e-9
         assert not moved[3:].any()
@@ -73,7 +73,7 @@ def test_the_camera_goes_40_to_120_mm_aside_and_does_not_turn(away_mm: float, kn
 
 def test_the_farther_the_table_the_longer_the_way_aside() -> None:
     near, far, sought = (
-        next(moved_pair.places_beside(DOWN, mm, known))[0, 3] - DOWN[0, 3]
+        next(moved_pair.second_viewpoints(DOWN, mm, known))[0, 3] - DOWN[0, 3]
         for mm, known in ((200.0, True), (450.0, True), (450.0, False))
     )
     assert (near, far, sought) == (50.0, 112.5, 67.5)
@@ -108,7 +108,9 @@ def test_a_corners_doubt_is_what_arms_that_err_make_of_it() -> None:
     part = TruthRecogniser(World(rng))._facet(np.repeat(point, 4, axis=0))
     scene = Scene((), (), FacetView((Group((part,), ((0, 1, 2, 3),)),), (), (), (), 2.0))
     part_mm = part.corners_mm[0]
-    added = moved_pair.with_arm(scene, both, ARM).view.groups[0].facets[0].covariance_mm2[0] - part.covariance_mm2[0]
+    added = (
+        moved_pair.with_arm_errors(scene, both, ARM).view.groups[0].facets[0].covariance_mm2[0] - part.covariance_mm2[0]
+    )
     along = part_mm - both.left.cyclopean_from_camera[:3, 3]
     along /= np.linalg.norm(along)
     assert np.sqrt(along @ added @ along) == pytest.approx(np.std(spread, axis=0)[2], rel=0.1)
@@ -120,7 +122,7 @@ def test_a_parts_doubt_in_a_moved_pair_is_its_own_and_the_arms() -> None:
     part: Any = SimpleNamespace(
         cyclopean_from_part=frames.rigid(np.eye(3), np.array([0.0, 0.0, 350.0])), covariance=own
     )
-    added = moved_pair.of_pair(part, pair_at(60.0), arm) - own
+    added = moved_pair.covariance_with_arm_errors(part, pair_at(60.0), arm) - own
     np.testing.assert_allclose(added[3:, 3:], arm[3:, 3:] / 2)
     assert (added[:3, 3:] == 0).all()
     assert added[2, 2] > 10 * added[0, 0] > 0
@@ -137,10 +139,10 @@ def test_the_arms_error_sideways_moves_what_lies_ahead_in_depth_by_distance_over
     part: Any = SimpleNamespace(
         cyclopean_from_part=frames.rigid(np.eye(3), np.array([0.0, 0.0, ahead_mm])), covariance=np.zeros((6, 6))
     )
-    sideways = moved_pair.of_pair(part, both, np.diag([0.1**2, 0, 0, 0, 0, 0]))
+    sideways = moved_pair.covariance_with_arm_errors(part, both, np.diag([0.1**2, 0, 0, 0, 0, 0]))
     assert sideways[2, 2] == pytest.approx(2 * (0.1 * ahead_mm / baseline_mm) ** 2)
     assert sideways[0, 0] == pytest.approx(sideways[2, 2] * (right[0] / ahead_mm) ** 2)
-    turning = moved_pair.of_pair(part, both, np.diag([0, 0, 0, 0, 1e-4**2, 0]))
+    turning = moved_pair.covariance_with_arm_errors(part, both, np.diag([0, 0, 0, 0, 1e-4**2, 0]))
     ray_mm2 = ahead_mm**2 + (baseline_mm / 2) ** 2
     assert turning[2, 2] == pytest.approx(2 * (1e-4 * ray_mm2 / baseline_mm) ** 2)
     assert turning[4, 4] == pytest.approx(1e-4**2 / 2)
@@ -153,9 +155,9 @@ def test_a_scene_of_a_moved_pair_has_the_arms_errors_in_its_parts_as_in_its_face
     pose = frames.rigid(np.eye(3), np.array([20.0, 20.0, 320.0]))
     part = Part(Recognition("cube", 0.9, 1.0, 1.0, None, False, ""), (facet,), pose, 0.01 * np.eye(6), 0.1)
     scene = Scene((part,), (), FacetView((Group((facet,), ((0, 1, 2, 3),)),), (), (), (), 2.0))
-    after = moved_pair.with_arm(scene, both, ARM)
+    after = moved_pair.with_arm_errors(scene, both, ARM)
     (one,), (group,) = after.parts, after.view.groups
-    np.testing.assert_allclose(one.covariance, moved_pair.of_pair(part, both, ARM))
+    np.testing.assert_allclose(one.covariance, moved_pair.covariance_with_arm_errors(part, both, ARM))
     np.testing.assert_array_equal(one.facets[0].covariance_mm2, group.facets[0].covariance_mm2)
     grown = np.linalg.eigvalsh(one.facets[0].covariance_mm2 - facet.covariance_mm2)
     assert (grown[:, -1] > 0.01).all()
@@ -175,9 +177,9 @@ def test_a_part_that_is_larger_than_taught_is_put_where_both_pictures_meet() -> 
     cameras, part = (both.left, both.right), np.array([0.0, 0.0, 300.0])
     nearer = [0.005 * (camera.cyclopean_from_camera[:3, 3] - part) for camera in cameras]
     poses, covariances, _ = laid([np.concatenate([shift, np.zeros(3)]) for shift in nearer])
-    pose, covariance = moved_pair.weighed(poses, covariances, cameras, 1e-4 * ARM, 0.005)
+    pose, covariance = moved_pair.fuse_single_camera_poses(poses, covariances, cameras, 1e-4 * ARM, 0.005)
     assert abs(pose[2, 3] - 300.0) < 0.1
-    arm_pose, with_arm = moved_pair.weighed(poses, covariances, cameras, ARM, 0.005)
+    arm_pose, with_arm = moved_pair.fuse_single_camera_poses(poses, covariances, cameras, ARM, 0.005)
     assert abs(arm_pose[2, 3] - 300.0) < 3 * np.sqrt(with_arm[2, 2])
     assert with_arm[2, 2] > covariance[2, 2]
 
@@ -186,8 +188,8 @@ def test_pictures_that_disagree_by_more_than_the_arm_may_err_are_trusted_less() 
     poses, covariances, both = laid([np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])])
     agreed, _, _ = laid([np.zeros(6), np.zeros(6)])
     cameras = both.left, both.right
-    apart = moved_pair.weighed(poses, covariances, cameras, ARM, 0.004)[1]
-    one = moved_pair.weighed(agreed, covariances, cameras, ARM, 0.004)[1]
+    apart = moved_pair.fuse_single_camera_poses(poses, covariances, cameras, ARM, 0.004)[1]
+    one = moved_pair.fuse_single_camera_poses(agreed, covariances, cameras, ARM, 0.004)[1]
     assert np.trace(apart[:3, :3]) > 10 * np.trace(one[:3, :3])
 
 
@@ -195,7 +197,9 @@ def test_pictures_that_disagree_by_more_than_the_arm_may_err_are_trusted_less() 
 def test_how_large_a_part_is_tells_how_far_it_is_only_as_sharply_as_its_size_is_known(size_share: float) -> None:
     """From one place twice, nothing but its size tells the distance of 300 mm."""
     poses, covariances, both = laid([np.zeros(6), np.zeros(6)])
-    pose, covariance = moved_pair.weighed(poses, covariances, [both.left] * 2, np.zeros((6, 6)), size_share)
+    pose, covariance = moved_pair.fuse_single_camera_poses(
+        poses, covariances, [both.left] * 2, np.zeros((6, 6)), size_share
+    )
     towards = both.left.cyclopean_from_camera[:3, 3] - pose[:3, 3]
     np.testing.assert_allclose(pose, poses[0], atol=1e-9)
     expected = covariances[0] / 2
@@ -207,7 +211,9 @@ def test_how_large_a_part_is_tells_how_far_it_is_only_as_sharply_as_its_size_is_
 def test_pictures_that_turn_a_part_against_each_other_leave_its_turn_as_open_as_they_disagree(turned: float) -> None:
     """Chi-square of two pictures of six measurements each, for seven unknowns of which one is known before."""
     poses, covariances, both = laid([np.zeros(6), np.array([0, 0, 0, turned, 0, 0])])
-    pose, covariance = moved_pair.weighed(poses, covariances, (both.left, both.right), np.zeros((6, 6)), 0.004)
+    pose, covariance = moved_pair.fuse_single_camera_poses(
+        poses, covariances, (both.left, both.right), np.zeros((6, 6)), 0.004
+    )
     np.testing.assert_allclose(frames.difference(pose, poses[0])[3:], [turned / 2, 0, 0], atol=1e-6)
     assert covariance[3, 3] == pytest.approx((turned / 2) ** 2 / 6, rel=0.01)
 
@@ -215,7 +221,7 @@ def test_pictures_that_turn_a_part_against_each_other_leave_its_turn_as_open_as_
 @given(st.floats(0.01, 1.0), st.floats(0.001, 0.1), st.floats(1e-6, 1e-2))
 def test_what_a_moved_pair_hints_at_is_as_vague_as_both_of_its_places(mm: float, deg: float, own: float) -> None:
     sharp = Clue(np.zeros(3), np.array([own, own, np.inf]), "")
-    sigma = moved_pair.hints(sharp, Doubt(arm_mm=mm, arm_deg=deg).arm()).sigma
+    sigma = moved_pair.clue_with_arm_errors(sharp, Doubt(arm_mm=mm, arm_deg=deg).arm()).sigma
     one_place = np.hypot(np.radians(deg), mm / moved_pair.USUAL_DISTANCE_MM)
     np.testing.assert_allclose(sigma, np.sqrt([own**2 + 2 * one_place**2] * 2 + [np.inf]))
 

@@ -22,14 +22,14 @@ from daemon.pick.planning.next_view import (
     distinct_hypotheses,
     entropy,
     expected_entropy,
-    freshest,
+    farthest_viewpoint,
     hypotheses_in_words,
     hypotheses_of,
-    missed,
     next_best,
-    places_round,
-    ranked,
-    shown,
+    ranked_gains,
+    viewpoints_round,
+    visible_facets,
+    without_seen_facets,
 )
 from daemon.vision.geometry import Polyhedron, corner_covariance, exact
 from daemon.vision.geometry.facet_measures import area_vector
@@ -156,16 +156,16 @@ def test_facets_are_one_as_far_apart_as_the_cameras_and_the_doubt_of_both_places
 def test_a_look_that_missed_what_all_would_surely_have_shown_speaks_against_none() -> None:
     look = distinct_hypotheses(TWINS, rig())
     count = 1 + max(int(own.max()) for own in look.numbers)
-    assert missed(look, np.ones((1, len(look.hypotheses), count))).chances == pytest.approx(look.chances)
+    assert without_seen_facets(look, np.ones((1, len(look.hypotheses), count))).chances == pytest.approx(look.chances)
 
 
 def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
     look = distinct_hypotheses(TWINS, rig())
     cameras = np.array([camera(-90), camera(0), camera(135)])
-    gains = {g.place: g.bits for g in ranked(look, shown(look, AT, cameras), [1.0] * 3)}
+    gains = {g.place: g.bits for g in ranked_gains(look, visible_facets(look, AT, cameras), [1.0] * 3)}
     assert gains[2] > 0.8
     assert gains[0] < gains[2], "the tops differ as well, by a corner"
-    low = ranked(look, shown(look, AT, np.array([camera(-90, 2.0)])), [1.0])
+    low = ranked_gains(look, visible_facets(look, AT, np.array([camera(-90, 2.0)])), [1.0])
     assert low[0].bits == pytest.approx(0.0, abs=1e-9)
 
 
@@ -175,7 +175,9 @@ def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> 
         np.array([camera(135)]),
         AT + np.array([[-80.0, 30, -60], [20, 130, -60], [20, 130, 200], [-80, 30, 200]]),
     )
-    free, hidden = (ranked(look, shown(look, AT, cameras, beside), [1.0])[0].bits for beside in ((), (wall,)))
+    free, hidden = (
+        ranked_gains(look, visible_facets(look, AT, cameras, beside), [1.0])[0].bits for beside in ((), (wall,))
+    )
     assert hidden < free
 
 
@@ -183,10 +185,10 @@ def test_only_something_not_taught_is_expected_to_show_what_nothing_taught_would
     """Otherwise a look that finds a facet that nobody expected would speak for the wrong one of the two."""
     look = distinct_hypotheses((hypothesis("block", block(), turned(0), 0.5), stranger(block(), turned(0), 0.5)), rig())
     strange = [h.label for h in look.hypotheses].index(UNKNOWN)
-    (aside,) = shown(look, AT, np.array([camera(135)]))[..., -1]
+    (aside,) = visible_facets(look, AT, np.array([camera(135)]))[..., -1]
     assert aside[strange] > 0.5
     assert aside[1 - strange] == 0.0
-    (as_before,) = shown(look, AT, np.array([camera(-90, 2.0)]))[..., -1]
+    (as_before,) = visible_facets(look, AT, np.array([camera(-90, 2.0)]))[..., -1]
     assert (as_before == 0.0).all(), "from there nothing taught would show anything new"
 
 
@@ -205,13 +207,13 @@ def test_a_look_that_should_have_shown_a_difference_and_did_not_makes_it_less_wo
 
 def test_where_nothing_is_to_be_settled_the_farthest_from_all_looks_comes_first() -> None:
     cameras = np.array([camera(0), camera(90), camera(180)])
-    assert freshest(AT, cameras, [camera(10)])[0] == 2
+    assert farthest_viewpoint(AT, cameras, [camera(10)])[0] == 2
     order = next_best([stranger(block(), turned(0), 1.0)], rig(), AT, cameras, [1.0] * 3, np.array([camera(10)]))
     assert [g.place for g in order] == [2, 1, 0]
 
 
 def test_places_look_at_the_point_from_all_round() -> None:
-    poses = places_round(AT, ON_HAND)
+    poses = viewpoints_round(AT, ON_HAND)
     seen = [frames.apply(frames.inverse(p @ TOOL_FROM_CYCLOPEAN), AT) for p in poses]
     assert np.allclose(seen, [0, 0, 340.0], atol=1e-6)
     assert len(poses) == 48
@@ -276,5 +278,5 @@ def test_where_nothing_explains_all_facets_the_largest_that_is_explained_counts_
 
 def test_how_much_is_open_of_a_part_is_what_its_likely_poses_leave_undecided() -> None:
     """Two that are as likely as each other are one bit, and one alone nothing."""
-    assert find.open_bits(TWINS[:2], rig()) == pytest.approx(1.0, abs=1e-6)
-    assert find.open_bits(TWINS[:1], rig()) == pytest.approx(0.0, abs=1e-6)
+    assert find.entropy_bits(TWINS[:2], rig()) == pytest.approx(1.0, abs=1e-6)
+    assert find.entropy_bits(TWINS[:1], rig()) == pytest.approx(0.0, abs=1e-6)

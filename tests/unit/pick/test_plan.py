@@ -9,7 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.events.codes import CauseCode
-from daemon.pick.grippers.two_fingers import TwoFingers, in_the_way
+from daemon.pick.grippers.two_fingers import TwoFingers, sweeps
 from daemon.pick.planning import plan as planning
 from daemon.pick.planning import viewpoints
 from daemon.pick.planning.place_plan import plan_to_place
@@ -17,10 +17,10 @@ from daemon.pick.planning.plan import (
     Destination,
     NoPlan,
     Plan,
-    last_stretch,
+    final_approach,
+    held_part_visibility,
     plan_part,
     same_grasp,
-    shows_held,
     stable_sides,
 )
 from daemon.pick.settings import Settings
@@ -79,9 +79,9 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
         nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
         alone = same_grasp(shape, nearer, replace(plan, neighbours=()), settings)
         again = same_grasp(shape, nearer, plan, settings)
-        if alone is not None and in_the_way(alone.grasp.world_from_tool, beside, settings.gripper):
+        if alone is not None and sweeps(alone.grasp.world_from_tool, beside, settings.gripper):
             would_strike += 1
-        assert again is None or not in_the_way(again.grasp.world_from_tool, beside, settings.gripper)
+        assert again is None or not sweeps(again.grasp.world_from_tool, beside, settings.gripper)
     assert would_strike
 
 
@@ -91,7 +91,7 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
     plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: asked.extend(p) or everywhere(p))
     centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
     assert isinstance(plan, Plan)
-    stretch = last_stretch(plan.grasp, centre, settings, ON_HAND)
+    stretch = final_approach(plan.grasp, centre, settings, ON_HAND)
     for driven in stretch:
         assert any(np.allclose(driven, checked) for checked in asked)
     back = frames.apply(frames.inverse(stretch.at), stretch.before[:3, 3])
@@ -107,7 +107,7 @@ def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch
     monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
     goals: Any = range(5)
     destination = planning.Destination(goals=goals)
-    way: Any = planning.first_way(destination, np.eye(4), Settings(), ON_HAND, everywhere)
+    way: Any = planning.first_set_down(destination, np.eye(4), Settings(), ON_HAND, everywhere)
     assert way == (f"to {reached}" if found else None)
 
 
@@ -199,7 +199,7 @@ def test_a_part_taken_to_a_place_is_grasped_so_that_it_shows_in_the_gripper():
     assert isinstance(to_bin, Plan)
     assert isinstance(to_place, Plan)
     shows = [
-        shows_held(shape, frames.inverse(plan.grasp.world_from_tool) @ pose, ON_HAND, rig())
+        held_part_visibility(shape, frames.inverse(plan.grasp.world_from_tool) @ pose, ON_HAND, rig())
         for plan in (to_bin, to_place)
     ]
     assert shows[1] > shows[0] + 0.1

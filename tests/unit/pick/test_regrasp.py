@@ -14,7 +14,7 @@ from daemon.events.codes import CauseCode
 from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.planning import regrasp
 from daemon.pick.planning.place_goals import TABLE, goes_through, looks_round
-from daemon.pick.planning.plan import Destination, NoPlan, approach_poses, shows_held, stable_sides
+from daemon.pick.planning.plan import Destination, NoPlan, approach_poses, held_part_visibility, stable_sides
 from daemon.pick.planning.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
 from daemon.pick.planning.viewpoints import view_worth
 from daemon.pick.settings import Settings
@@ -126,7 +126,7 @@ def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_
 def shown(shape, x_mm, z_mm, turned=(0.0, 0.0, 0.0)):
     """Which share of a part shows in the gripper where it lies so in front of the cameras."""
     cyclopean_from_part = frames.rigid(frames.rotation_from_vector(np.array(turned)), np.array([x_mm, 0.0, z_mm]))
-    return shows_held(shape, TOOL_FROM_CYCLOPEAN @ cyclopean_from_part, ON_HAND, rig())
+    return held_part_visibility(shape, TOOL_FROM_CYCLOPEAN @ cyclopean_from_part, ON_HAND, rig())
 
 
 def test_of_a_part_in_the_gripper_as_much_shows_as_both_cameras_have_of_the_edges_that_face_them():

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.seen import Facing, ObservedPart, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
+from daemon.pick.seen import (
+    Facing,
+    ObservedPart,
+    facings,
+    in_pick_order,
+    is_facet_of,
+    seen_again,
+    seen_parts,
+    unconfirmed,
+)
 from daemon.vision.values import UNKNOWN, Part, Recognition
 from tests.fakes.rigs import rig
 from tests.fakes.solids import measured
@@ -55,10 +64,10 @@ def test_a_part_without_facets_is_not_told() -> None:
 
 def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> None:
     part = seen_at(0, 0, "cube", facets=2)
-    assert is_own(seen_at(0, 30, UNKNOWN), part)
-    assert not is_own(seen_at(90, 0, UNKNOWN), part)
-    assert not is_own(seen_at(0, 30, "pyramid"), part), "what has a name is somebody"
-    assert not is_own(seen_at(0, 0, UNKNOWN, facets=2), part), "two facets are no misread one"
+    assert is_facet_of(seen_at(0, 30, UNKNOWN), part)
+    assert not is_facet_of(seen_at(90, 0, UNKNOWN), part)
+    assert not is_facet_of(seen_at(0, 30, "pyramid"), part), "what has a name is somebody"
+    assert not is_facet_of(seen_at(0, 0, UNKNOWN, facets=2), part), "two facets are no misread one"
 
 
 def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behind() -> None:
@@ -84,5 +93,5 @@ def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:
 def test_what_is_nearest_or_surest_comes_first_and_what_has_no_name_last() -> None:
     far_sure, near, nameless = seen_at(0, 0, z=400.0, confidence=0.99), seen_at(50, 0), seen_at(0, 0, UNKNOWN, z=200.0)
     parts = [nameless, far_sure, near]
-    assert ordered(parts, "nearest") == [near, far_sure, nameless]
-    assert ordered(parts, "surest") == [far_sure, near, nameless]
+    assert in_pick_order(parts, "nearest") == [near, far_sure, nameless]
+    assert in_pick_order(parts, "surest") == [far_sure, near, nameless]

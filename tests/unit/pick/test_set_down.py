@@ -448,7 +448,7 @@ def test_round_a_place_the_arm_goes_to_the_first_that_is_not_refused_and_says_wh
             raise MoveRefusedError(Refusal("kept_out", f"place {tried[-1]}"))
 
     monkeypatch.setattr(set_down, "travel", refusing)
-    monkeypatch.setattr(set_down, "places_round", lambda *_: poses)
+    monkeypatch.setattr(set_down, "viewpoints_round", lambda *_: poses)
     monkeypatch.setattr(set_down, "reraise_if_all_refused", lambda _: None)
     cell = SimpleNamespace(mounting=None, compute=three)
     context = SimpleNamespace(cell=cell, settings=Settings(), mover=SimpleNamespace(reach=None))

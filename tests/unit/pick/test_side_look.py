@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arm import OnHand
 from daemon.arrays import Array
 from daemon.pick.grippers.two_fingers import tool_rotation
-from daemon.pick.planning.side_look import side_that_shows
+from daemon.pick.planning.side_look import side_that_shows_turn
 from daemon.pick.pose_fusion import Sighting, sighting
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import Polyhedron
@@ -59,7 +59,7 @@ def side(shape: Polyhedron, foot: Array, leans_deg: float = 90.0, free_axis: Arr
 
     reach: Any = SimpleNamespace(allows_each=allows)
     seen = [seen_from_above(shape, standing(shape, foot))]
-    return side_that_shows(shape, seen, FROM_ABOVE, SETTINGS, MOUNTING, RIG, reach, free_axis)
+    return side_that_shows_turn(shape, seen, FROM_ABOVE, SETTINGS, MOUNTING, RIG, reach, free_axis)
 
 
 def test_a_knob_is_looked_at_from_where_the_flats_under_its_rim_show() -> None:

@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.grippers.suction import CupGrasp, SuctionCup, rooms_on, turned, upward, weight_and_middle
+from daemon.pick.grippers.suction import (
+    CupGrasp,
+    SuctionCup,
+    clearances_on,
+    rotations_about_normal,
+    upward_facets,
+    weight_and_centroid,
+)
 from daemon.vision.geometry import Hole, exact
 from tests.fakes.drawn import prism
 from tests.fakes.fake_cell import shape_of
@@ -57,7 +64,7 @@ def test_what_no_cup_and_no_material_has_is_refused(key, most):
 
 def test_room_is_the_distance_to_the_nearest_edge_or_hole_and_none_is_in_a_hole():
     solid, top = plate()
-    points, rooms = rooms_on(bored(solid, top, (20.0, 30.0), 8.0), top)
+    points, rooms = clearances_on(bored(solid, top, (20.0, 30.0), 8.0), top)
     x, y = points[:, 0], points[:, 1]
     sides = np.minimum.reduce([x, 80 - x, y, 60 - y])
     rim = np.hypot(x - 20.0, y - 30.0) - 8.0
@@ -72,7 +79,7 @@ def test_under_what_overhangs_a_facet_is_no_room_and_beside_it_only_up_to_it():
     inner = next(
         k for k, ring in enumerate(solid.rings) if solid.normals[k][1] > 0.9 and np.allclose(corners[ring][:, 1], 10.0)
     )
-    points, rooms = rooms_on(solid, inner)
+    points, rooms = clearances_on(solid, inner)
     x, z = points[:, 0], points[:, 2] - corners[:, 2].min()
     assert x.min() > 30.0 - 1e-9
     assert rooms == pytest.approx(np.minimum.reduce([x - 30.0, 60.0 - x, z, 30.0 - z]), abs=1e-6)
@@ -128,7 +135,7 @@ def test_a_part_that_is_too_heavy_or_too_long_for_the_cup_is_told_before_anythin
     found, why = taken(solid, lying(solid), msgspec.structs.replace(CUP, density_g_cm3=20.0))
     assert not found
     assert "times what the cup can hold there" in why
-    weight_n, middle = weight_and_middle(solid, 2.7)
+    weight_n, middle = weight_and_centroid(solid, 2.7)
     assert weight_n == pytest.approx(80 * 60 * 20 * 2.7e-6 * 9.81)
     assert middle == pytest.approx([40.0, 30.0, 10.0])
 
@@ -158,8 +165,8 @@ def test_what_rises_beside_a_step_is_kept_clear_of():
     corners, rings = prism([(0, 0), (90, 0), (90, 20), (45, 20), (45, 60), (0, 60)], 50.0)
     upright = frames.rotation_from_vector(np.array([np.pi / 2, 0.0, 0.0]))
     solid = exact(corners @ upright.T, rings)
-    step = [k for k, _ in upward(solid, np.eye(4), 5.0) if solid.centres_mm[k][2] < 30.0]
-    points, rooms = rooms_on(solid, step[0])
+    step = [k for k, _ in upward_facets(solid, np.eye(4), 5.0) if solid.centres_mm[k][2] < 30.0]
+    points, rooms = clearances_on(solid, step[0])
     assert rooms == pytest.approx(
         np.minimum.reduce([points[:, 0] - 45, 90 - points[:, 0], -points[:, 1], points[:, 1] + 50]), abs=0.1
     )
@@ -180,8 +187,8 @@ def test_a_neighbour_in_the_cups_way_blocks_and_one_beside_it_does_not():
     (best, *_), _ = taken(solid, pose)
     x, y, z = best.world_from_tool[:3, 3]
     post = np.array([[x + a, y + b, z + c] for a in (3.0, 8.0) for b in (-3.0, 3.0) for c in (5.0, 40.0)])
-    assert CUP.in_the_way(best.world_from_tool, post)
-    assert not CUP.in_the_way(best.world_from_tool, post + np.array([60.0, 0.0, 0.0]))
+    assert CUP.sweeps(best.world_from_tool, post)
+    assert not CUP.sweeps(best.world_from_tool, post + np.array([60.0, 0.0, 0.0]))
     found, _ = taken(solid, pose, neighbours=[post])
     assert all(grasp.blocked for grasp in found if np.linalg.norm(grasp.world_from_tool[:2, 3] - [x, y]) < 1.0)
 
@@ -229,7 +236,7 @@ def test_where_both_are_one_place_there_is_one_spot_and_its_room_is_half_the_sid
 @given(cup=st.floats(4.0, 20.0), edge=st.floats(0.0, 4.0), error=st.floats(0.0, 4.0))
 def test_a_facet_serves_from_the_room_on_that_lip_edge_and_error_need_together(cup, edge, error):
     solid, top = plate(((0, 0), (50, 0), (50, 50), (0, 50)))
-    _, rooms = rooms_on(solid, top)
+    _, rooms = clearances_on(solid, top)
     gripper = SuctionCup(cup_radius_mm=cup, edge_mm=edge)
     spots, why = gripper.spots(solid, top, np.array([25.0, 25.0, 10.0]), error)
     assert bool(spots) == (cup + edge + error <= rooms.max())
@@ -243,7 +250,7 @@ def stepped(wide_mm, deep_mm):
     corners, rings = prism([(0, 0), (45 + wide_mm, 0), (45 + wide_mm, 20), (45, 20), (45, 50), (0, 50)], deep_mm)
     upright = frames.rotation_from_vector(np.array([np.pi / 2, 0.0, 0.0]))
     solid = exact(corners @ upright.T, rings)
-    return solid, next(k for k, _ in upward(solid, np.eye(4), 5.0) if solid.centres_mm[k][2] < 30.0)
+    return solid, next(k for k, _ in upward_facets(solid, np.eye(4), 5.0) if solid.centres_mm[k][2] < 30.0)
 
 
 @pytest.mark.parametrize(("long_mm", "nearest_mm"), [(29.0, 36.0), (31.0, NEEDED_MM)])
@@ -271,7 +278,7 @@ def test_on_a_narrow_step_only_a_cup_that_is_longer_than_the_wall_is_high_can_si
 @pytest.mark.parametrize("side", [20.0, 50.0, 300.0])
 def test_the_grid_is_as_fine_as_a_millimetre_and_has_no_more_points_than_it_may(side):
     solid, top = plate(((0, 0), (side, 0), (side, side), (0, side)))
-    points, rooms = rooms_on(solid, top)
+    points, rooms = clearances_on(solid, top)
     assert len(points) == len(rooms) == pytest.approx(min(side * side, 2500.0), rel=0.05)
     assert points[:, 2] == pytest.approx(20.0)
     assert [points[:, :2].min(), points[:, :2].max()] == pytest.approx([0.0, side], abs=side / 50 + 0.5)
@@ -282,14 +289,14 @@ def test_the_facets_that_look_up_are_those_that_lean_no_more_than_they_may_the_m
     solid = shape_of("pentagonal_prism")
     pose = lying(solid, lean, turn)
     up = np.degrees(np.arccos(np.clip(solid.normals @ pose[2, :3], -1.0, 1.0)))
-    found = upward(solid, pose, most)
+    found = upward_facets(solid, pose, most)
     assert [round(leans, 9) for _, leans in found] == sorted(round(float(each), 9) for each in up if each <= most)
     assert all(leans == pytest.approx(up[facet], abs=1e-6) for facet, leans in found)
 
 
 def test_the_hand_is_turned_evenly_round_the_normal_from_along_the_longest_side():
     solid, top = plate()
-    rotations = turned(solid, top)
+    rotations = rotations_about_normal(solid, top)
     assert len(rotations) == 12
     for number, rotation in enumerate(rotations):
         angle = np.radians(30.0 * number)
@@ -310,7 +317,7 @@ def test_a_grasp_is_described_as_it_is_and_the_best_come_first(lean, error):
     order = [(g.blocked, round(g.load, 1), g.tilt_deg) for g in found if isinstance(g, CupGrasp)]
     assert len(order) == len(found)
     assert order == sorted(order)
-    weight_n, mass = weight_and_middle(solid, CUP.density_g_cm3)
+    weight_n, mass = weight_and_centroid(solid, CUP.density_g_cm3)
     for grasp in found:
         assert isinstance(grasp, CupGrasp)
         part_from_tool = frames.inverse(pose) @ grasp.world_from_tool
@@ -322,7 +329,7 @@ def test_a_grasp_is_described_as_it_is_and_the_best_come_first(lean, error):
         off = mass - lip
         across_mm = float(np.linalg.norm(off - (off @ normal) * normal))
         assert grasp.load == pytest.approx(CUP.load(weight_n, across_mm, -float(off @ normal), grasp.tilt_deg))
-        assert grasp.blocked == CUP.in_the_way(grasp.world_from_tool, post)
+        assert grasp.blocked == CUP.sweeps(grasp.world_from_tool, post)
 
 
 def test_a_grasp_says_by_which_facet_with_how_much_room_and_of_what_load():
@@ -351,9 +358,9 @@ def test_what_a_part_asks_is_the_larger_of_pulling_it_off_and_turning_it_off(til
 
 def test_a_cup_works_as_long_as_its_vacuum_needs_and_looks_the_same_with_a_part_as_without():
     cup = SuctionCup(dwell_s=0.7, blow_off_s=0.4, cup_radius_mm=6.0)
-    assert (cup.works_s(True), cup.works_s(False)) == (0.7, 0.4)
+    assert (cup.work_time_s(True), cup.work_time_s(False)) == (0.7, 0.4)
     assert (cup.empty, cup.widest_mm, cup.tip_mm) == (None, None, 0.0)
-    assert cup.held_about == (0.0, 0.0, 12.0)
+    assert cup.holding_volume == (0.0, 0.0, 12.0)
     assert cup.outside == ("cup_radius_mm", 6.0)
 
 
@@ -364,4 +371,4 @@ def test_what_lies_beside_is_in_the_way_of_the_cup_and_above_it_of_the_palm(near
     beside = max(near, -near - 1.0)
     of_cup = beside < CUP.cup_radius_mm and -1.0 < high < 80.0
     of_palm = beside < 36.0 and high + 1.0 > CUP.cup_length_mm
-    assert CUP.in_the_way(np.diag([1.0, -1.0, -1.0, 1.0]), post) == (of_cup or of_palm)
+    assert CUP.sweeps(np.diag([1.0, -1.0, -1.0, 1.0]), post) == (of_cup or of_palm)

@@ -113,7 +113,7 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     context, world = begun(fake)
     brought_to(PickState.VERIFY, context, world)
     monkeypatch.setattr(take, "came_back_empty", lambda *_: empty)
-    monkeypatch.setattr(take, "in_hand", lambda *_: False)
+    monkeypatch.setattr(take, "shows_in_gripper", lambda *_: False)
     event = step(context, world, PickState.VERIFY)
     assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
     assert world.result.outcome == ("missed" if empty else "released"), "nobody has seen it above the bin yet"
@@ -141,7 +141,7 @@ def test_a_part_that_has_a_place_goes_there_where_it_is_measured_and_the_table_i
 
     decided = []
     monkeypatch.setattr(take, "measure", measure)
-    monkeypatch.setattr(take, "is_barred", lambda *_: barred)
+    monkeypatch.setattr(take, "is_blocked", lambda *_: barred)
     context: Any = SimpleNamespace(decide=lambda text, why, code, **_: decided.append((text, code)))
     goal = SimpleNamespace(between=between, description="the place")
     target: Any = SimpleNamespace(label="cube", way=SimpleNamespace(goal=goal), held=None)
@@ -159,7 +159,7 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
     brought_to(PickState.VERIFY, context, world)
     for denial in ("still_there", "knocked_away", "came_back_empty"):
         monkeypatch.setattr(take, denial, lambda *_: True)
-    monkeypatch.setattr(take, "in_hand", lambda *_: True)
+    monkeypatch.setattr(take, "shows_in_gripper", lambda *_: True)
     assert step(context, world, PickState.VERIFY) is PickEvent.GONE
     assert world.result.outcome == "released", "nobody has seen it above the bin yet"
     assert fake.closed
@@ -177,7 +177,7 @@ def test_what_lies_where_a_part_is_to_be_laid_down_bars_it_and_what_is_in_the_ha
     monkeypatch.setattr(take, "seen_parts", lambda _: [SimpleNamespace(centre=middle, corners=corners)])
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=hand))
     goal: Any = SimpleNamespace(corners=corners)
-    assert take.is_barred(goal, look) is barred
+    assert take.is_blocked(goal, look) is barred
 
 
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():

@@ -282,7 +282,7 @@ def test_grasps_come_unblocked_before_blocked_then_firm_before_slipping_then_upr
         order = [(grasp.blocked, round(grasp.slip_deg / 5.0), grasp.tilt_deg) for grasp in found]
         assert order == sorted(order)
         for grasp in found:
-            assert grasp.blocked == GRIPPER.in_the_way(grasp.world_from_tool, beside)
+            assert grasp.blocked == GRIPPER.sweeps(grasp.world_from_tool, beside)
             assert grasp.slip_deg <= np.degrees(np.arctan(GRIPPER.friction))
             assert grasp.risk == pytest.approx(grasp.slip_deg / 45.0)
             assert grasp.figures == {"slip_deg": grasp.slip_deg}
@@ -314,7 +314,7 @@ def test_what_is_in_the_room_that_the_open_fingers_sweep_is_in_their_way(x, y, z
     borders = [(x, half), (x, -half - size), (y, wide), (y, -wide - size), (z, GRIPPER.tip_mm), (z, -80.0 - size)]
     assume(all(abs(at - border) > 1e-6 for at, border in borders))
     meets = -half - size < x < half and -wide - size < y < wide and -80.0 - size < z < GRIPPER.tip_mm
-    assert GRIPPER.in_the_way(tool, frames.apply(tool, local)) == meets
+    assert GRIPPER.sweeps(tool, frames.apply(tool, local)) == meets
 
 
 unit_vectors = (
@@ -371,8 +371,9 @@ def test_a_part_that_looks_lean_a_little_is_closed_on_along_the_same_directions(
 def test_what_two_fingers_are_asked_is_what_their_settings_say():
     gripper = TwoFingers(opening_mm=60.0, finger_thick_mm=7.0, finger_width_mm=11.0, pad_back_mm=40.0, tip_mm=9.0)
     assert gripper.outside == ("opening_mm", 37.0)
-    assert gripper.held_about == (40.0, 9.0, 11.0)
-    assert (gripper.widest_mm, gripper.tip_mm, gripper.works_s(True), gripper.works_s(False)) == (60.0, 9.0, 0.0, 0.0)
+    assert gripper.holding_volume == (40.0, 9.0, 11.0)
+    assert (gripper.widest_mm, gripper.tip_mm) == (60.0, 9.0)
+    assert (gripper.work_time_s(True), gripper.work_time_s(False)) == (0.0, 0.0)
     assert gripper.takes(shape_of("cube"), 1.0) == ""
     assert GRIPPER.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == ""
     small = TwoFingers(opening_mm=20.0, side_clearance_mm=5.0, tip_clearance_mm=3.0)

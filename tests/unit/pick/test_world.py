@@ -102,9 +102,9 @@ def test_the_loop_goes_on_while_looks_are_fused(monkeypatch: pytest.MonkeyPatch)
 
     async def story() -> None:
         cycle = cycle_of(World(np.random.default_rng(0)))
-        monkeypatch.setattr(world_room, "known", known)
+        monkeypatch.setattr(world_room, "fuse_objects", known)
         model, context = WorldModel([]), cycle._context(cycle.recogniser)
-        taking = asyncio.create_task(model.take_in(context, await cycle.look()))
+        taking = asyncio.create_task(model.add_look(context, await cycle.look()))
         await asyncio.sleep(0)
         for _ in range(20):
             await asyncio.sleep(0)
@@ -122,7 +122,7 @@ def test_the_loop_goes_on_while_a_pick_reckons(state: str, monkeypatch: pytest.M
         "choose": ("find", "plan_to_place"),
         "second_view": ("find", "next_best"),
         "estimating": ("approach", "same_grasp"),
-        "verify": ("take", "in_hand"),
+        "verify": ("take", "shows_in_gripper"),
     }[state]
     room = __import__(f"daemon.pick.{where}", fromlist=[name])
     reckon, threads = getattr(room, name), list[bool]()
@@ -153,8 +153,8 @@ def clocked(now_s: float) -> Any:
     ],
 )
 def test_a_pick_is_too_long_by_its_looks_or_by_its_time_beside_motion(taken: int, now_s: float, over: bool) -> None:
-    world = WorldModel([], began_s=100.0, moved_s=7.0, taken=taken)
-    told = world.too_long(clocked(now_s))
+    world = WorldModel([], began_s=100.0, moved_s=7.0, look_count=taken)
+    told = world.give_up_reason(clocked(now_s))
     assert (told is not None) == over
     if told is not None:
         beside_s = now_s - 107.0
@@ -166,14 +166,14 @@ def test_a_pick_is_too_long_by_its_looks_or_by_its_time_beside_motion(taken: int
 
 def test_what_disagreed_most_often_is_told_first_and_cameras_are_named_where_parts_did_not_show_again() -> None:
     odd = Counter({"rarely": 1, "often": 5, "twice": 2})
-    world = WorldModel([], taken=MOST_LOOKS, again=(4, 3), odd=odd)
-    told = world.too_long(clocked(0.0))
+    world = WorldModel([], look_count=MOST_LOOKS, seen_again=(4, 3), disagreements=odd)
+    told = world.give_up_reason(clocked(0.0))
     assert told is not None
     assert told.partition(": ")[2] == (
         "3 of 7 parts were not seen again where the look before measured them; often (5 times); twice (2 times); "
         "perhaps a camera repeats its picture, or was knocked: `doctor`, `calibrate verify`"
     )
-    told = WorldModel([], taken=MOST_LOOKS, again=(4, 0), odd=odd).too_long(clocked(0.0))
+    told = WorldModel([], look_count=MOST_LOOKS, seen_again=(4, 0), disagreements=odd).give_up_reason(clocked(0.0))
     assert told is not None
     assert told.endswith(": often (5 times); twice (2 times)")
 
@@ -184,7 +184,7 @@ def at(x_mm: float, label: str = "cube", **more: Any) -> Any:
 
 
 def test_what_is_left_is_wanted_not_skipped_and_at_no_place_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(world_room, "ordered", lambda found, order: sorted(found, key=lambda p: p.centre[0]))
+    monkeypatch.setattr(world_room, "in_pick_order", lambda found, order: sorted(found, key=lambda p: p.centre[0]))
     cube, other, nameless, gone, placed = at(500.0), at(400.0, "pyramid"), at(300.0, "unknown"), at(600.0), at(700.0)
     skipped = [Skipped("cube", gone.centre + 3.0, Outcome.LOST, "why")]
     taken = SimpleNamespace(taken=lambda: [SimpleNamespace(centre=placed.centre + 5.0)])
@@ -224,6 +224,7 @@ def test_what_a_look_brought_is_kept_and_logged_with_the_number_of_the_look() ->
 def test_the_sides_a_part_was_not_seen_from_are_those_of_looks_at_its_place(
     unseen: list[tuple[float, float]], here_mm: float
 ) -> None:
-    world = WorldModel([], unseen_from=[(np.array([x, 0.0, 0.0]), np.array([0.0, away, 1.0])) for x, away in unseen])
-    found = world.sides_unseen(np.array([here_mm, 0.0, 0.0]))
+    directions = [(np.array([x, 0.0, 0.0]), np.array([0.0, away, 1.0])) for x, away in unseen]
+    world = WorldModel([], unseen_directions=directions)
+    found = world.unseen_directions_of(np.array([here_mm, 0.0, 0.0]))
     assert [side[1] for side in found] == [away for x, away in unseen if abs(x - here_mm) < SAME_PLACE_MM]

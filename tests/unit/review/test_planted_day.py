@@ -156,13 +156,13 @@ def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> 
     from daemon.fleet.collect import collect, source_of
     from daemon.fleet.page import fleet_data
     from daemon.fleet.store import open_store
-    from daemon.fleet.views import opened
+    from daemon.fleet.views import open_views
 
     store = open_store(str(tmp_path / "store"))
     collect(store, [source_of(f"north={day[0].parent}")])
     asked = "SELECT count(*) FILTER (outcome = 'picked'), count(*) FROM cycles WHERE tried"
-    assert opened(store).execute(asked).fetchall() == [(21, 24)]
-    assert opened(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(7,)]
+    assert open_views(store).execute(asked).fetchall() == [(21, 24)]
+    assert open_views(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(7,)]
     (north,) = fleet_data(store, 7)["cells"]
     assert (north["picked"], north["tried"], north["interventions"]) == (21, 24, 7)
     assert north["faults"] == {"camera not connected": 1}, "a person's stop is no fault that needs somebody"

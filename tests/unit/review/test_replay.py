@@ -114,7 +114,9 @@ def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() 
     assert [match is None for _, match in two] == [False, True]
     bare = part("cube", facets=[])
     assert paired(scene(bare), scene(bare))[0][1] is None
-    assert replay.gap_mm(bare, near) == replay.gap_mm(near, bare) == np.inf, "what has no corners is nowhere near"
+    assert replay.centre_distance_mm(bare, near) == replay.centre_distance_mm(near, bare) == np.inf, (
+        "what has no corners is nowhere near"
+    )
 
 
 def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_name() -> None:
@@ -190,7 +192,7 @@ def test_a_pair_of_one_camera_is_seen_with_the_arms_errors_and_one_of_two_is_not
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     added: list[Any] = []
-    monkeypatch.setattr(replay, "with_arm", lambda seen, rig, arm: added.append((rig, arm)) or seen)
+    monkeypatch.setattr(replay, "with_arm_errors", lambda seen, rig, arm: added.append((rig, arm)) or seen)
     aside = np.eye(4)
     aside[0, 3] = 60.0
     moved = {"eye": "left", "left": np.eye(4), "right": aside, "arm_mm": 0.2, "arm_deg": 0.1}

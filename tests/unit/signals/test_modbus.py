@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon.signals.modbus import COILS, ModbusServer, PLCInputs, PLCReadings, handed_in, readings
+from daemon.signals.modbus import COILS, ModbusServer, PLCInputs, PLCReadings, inherited_socket, readings
 from daemon.signals.packml import PackMLState
 from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import ModbusSettings
@@ -205,10 +205,10 @@ def passed() -> Iterator[socket.socket]:
 def test_the_socket_that_systemd_hands_in_is_taken_by_its_name(passed: socket.socket, monkeypatch: Any) -> None:
     monkeypatch.setattr("daemon.signals.modbus.FIRST_FD", os.dup(passed.fileno()))
     mine = {"LISTEN_PID": str(os.getpid()), "LISTEN_FDS": "1", "LISTEN_FDNAMES": "modbus"}
-    assert handed_in(environment={**mine, "LISTEN_PID": "1"}) is None
-    assert handed_in(environment={**mine, "LISTEN_FDNAMES": "other"}) is None
-    assert handed_in(environment={}) is None
-    taken = handed_in(environment=mine)
+    assert inherited_socket(environment={**mine, "LISTEN_PID": "1"}) is None
+    assert inherited_socket(environment={**mine, "LISTEN_FDNAMES": "other"}) is None
+    assert inherited_socket(environment={}) is None
+    taken = inherited_socket(environment=mine)
     assert taken is not None
     assert taken.getsockname() == passed.getsockname()
     assert not taken.get_inheritable()

@@ -214,8 +214,8 @@ def test_the_cup_sucks_until_it_is_to_let_go_and_blows_off_for_as_long_as_it_nee
     signals = served(line, CUP)
 
     async def story() -> list[list[int]]:
-        await signals.work_cup(closed=True, works_s=0.0)
-        blows = asyncio.create_task(signals.work_cup(closed=False, works_s=0.05))
+        await signals.work_cup(closed=True, work_time_s=0.0)
+        blows = asyncio.create_task(signals.work_cup(closed=False, work_time_s=0.05))
         while len(line.typed) < 2:
             await asyncio.sleep(0)
         await signals.watch(EXECUTE)
@@ -231,10 +231,10 @@ def test_a_stop_leaves_the_vacuum_on_and_ends_a_blow_off_that_it_cut_off() -> No
     signals = served(line, CUP)
 
     async def story() -> None:
-        await signals.work_cup(closed=True, works_s=0.0)
+        await signals.work_cup(closed=True, work_time_s=0.0)
         await signals.watch(ABORTED)
         assert 11 in line.on, "the part does not fall"
-        blows = asyncio.create_task(signals.work_cup(closed=False, works_s=600.0))
+        blows = asyncio.create_task(signals.work_cup(closed=False, work_time_s=600.0))
         while 11 in line.on:
             await asyncio.sleep(0)
         blows.cancel()
@@ -253,7 +253,7 @@ def test_valves_are_held_back_as_the_gripper_is_and_nothing_of_it_is_made_up_for
 
     async def story() -> None:
         with pytest.raises(HeldBackError):
-            await signals.work_cup(closed=False, works_s=0.0)
+            await signals.work_cup(closed=False, work_time_s=0.0)
         await signals.watch(ABORTED)
 
     asyncio.run(story())
