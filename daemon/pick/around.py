@@ -17,44 +17,44 @@ from daemon.vision.values import Group
 
 LEAST_PLACES, MOST_PLACES, USUAL_PLACES = 6, 12, 10
 SECONDS_A_PLACE = 2.0
-"""What a place takes, moved to and looked from, for whoever is asked."""
+"""Estimated time of a viewpoint: move and look, for the question to the operator."""
 HEADINGS_DEG = range(-180, 180, 15)
 TILTS_DEG = (20.0, 30.0, 40.0, 50.0, 60.0)
 LEANS_DEG, TILT_COUNTS = (55.0, 45.0), 1.5
-"""How the tool leans by turns, from straight down, and how much a degree of that counts beside one of heading: low
-enough to face upright sides, high enough to face what is on top."""
+"""Alternating tilts of the tool from straight down, so that both upright and top faces show; weight of a degree of tilt
+relative to one of heading."""
 NEAREST_MM, FIELD_SHARE = 280.0, 0.19
-"""How near the cameras go, and of the distance what half the thing may be: it must lie whole in both images, askew and
-not quite in the middle."""
+"""Least viewing distance; the part's radius as a share of the distance, so that it is whole in both images although
+tilted and off-centre."""
 REACH, BESIDE_MM = 1.5, 15.0
-"""What lies this much farther from the middle than what was first seen is not the thing's."""
+"""Facets beyond this multiple of the first seen radius, plus BESIDE_MM, are not the part's."""
 Report = Callable[[str], Awaitable[None]]
 
 
 class NoSinglePartError(RefusedError):
-    """There is not one thing to be walked round."""
+    """There is no part, or more than one, in view."""
 
 
 @dataclass(frozen=True, eq=False)
 class CircledPart:
-    """What is walked round: its middle (3,) mm, world, and how far it reaches from there."""
+    """The part that the cameras circle: its centre (3,) mm, world, and its radius."""
 
     middle: Array
     radius_mm: float
 
     def holds(self, group: Group, world_from_cyclopean: Array) -> bool:
-        """Whether a group of facets that a look saw lies where the thing does."""
+        """Whether a group of facets of a look is at the part's position."""
         corners = frames.apply(world_from_cyclopean, group.polyhedron.corners_mm)
         reach_mm = REACH * self.radius_mm + BESIDE_MM
         return bool(np.linalg.norm(corners - self.middle, axis=1).max() < reach_mm)
 
     def groups_in(self, look: Look) -> list[Group]:
-        """The groups of facets that a look saw of it."""
+        """The groups of facets of a look that belong to the part."""
         return [group for group in look.scene.view.groups if self.holds(group, look.world_from_cyclopean)]
 
 
 def single_part_in(look: Look) -> CircledPart:
-    """The one thing that a look shows. Raises NoSinglePartError for none or several."""
+    """The only part that a look shows. Raises NoSinglePartError for none or several."""
     groups = [group for group in look.scene.view.groups if len(group.facets) > 1]
     if not groups:
         raise NoSinglePartError("no part is seen: put it in the middle of the table, lit from above, nothing else near")
@@ -66,12 +66,12 @@ def single_part_in(look: Look) -> CircledPart:
 
 
 def viewpoints_around(
-    thing: CircledPart, count: int, mounting: CameraMounting, allowed: Callable[[Array], bool]
+    part: CircledPart, count: int, mounting: CameraMounting, allowed: Callable[[Array], bool]
 ) -> list[Array]:
-    """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
-    higher up, as near to that as the arm comes; in the order of their headings."""
-    distance_mm = max(NEAREST_MM, thing.radius_mm / FIELD_SHARE)
-    x, y, z = (float(v) for v in thing.middle)
+    """At most `count` reachable viewpoints, world_from_tool (4, 4), around a part: nearest to even headings with
+    alternating tilts, in the order of their headings."""
+    distance_mm = max(NEAREST_MM, part.radius_mm / FIELD_SHARE)
+    x, y, z = (float(v) for v in part.middle)
     reached = dict[tuple[int, float], Array]()
     for heading in HEADINGS_DEG:
         for tilt in TILTS_DEG:
@@ -89,14 +89,14 @@ def viewpoints_around(
 
 
 async def look_from_around(context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
-    """Find the one thing there is, from where the arm stands or else from the survey views, and look at it from `count`
-    places round it. Dry, nothing moves and nothing but the first look is taken.
+    """Find the only part, from the present position or else from the survey views, and look from `count` viewpoints
+    around it. In a dry run only the first look is taken, and nothing moves.
 
-    Raises NoSinglePartError, RefusedError where too few places are reached, and what moves and looks do.
+    Raises NoSinglePartError, RefusedError where too few viewpoints can be reached, and the errors of moves and looks.
     """
-    thing = await _find_single_part(context)
+    part = await _find_single_part(context)
     mounting = context.cell.mounting
-    poses = viewpoints_around(thing, count, mounting, context.mover.reach.allows)
+    poses = viewpoints_around(part, count, mounting, context.mover.reach.allows)
     if len(poses) < LEAST_PLACES:
         raise RefusedError(f"the arm reaches only {len(poses)} places round it; put it nearer to the middle")
     looks = list[Look]()
@@ -111,13 +111,13 @@ async def look_from_around(context: PickContext, count: int, report: Report) -> 
         if context.mover.dry or context.mover.belief.resting_reading is None:
             continue
         looks.append(await context.look(context.mover.belief.resting_reading, f"round it, {name}"))
-        seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
+        seen = sum(len(group.facets) for group in part.groups_in(looks[-1]))
         await report(f"{name}: {seen} facet" + "s" * (seen != 1))
-    return thing, looks
+    return part, looks
 
 
 async def _find_single_part(context: PickContext) -> CircledPart:
-    """The thing, from where the arm stands; where none is seen from there, from the survey views, one after another."""
+    """Find the only part from the present position, or else from the survey views, one after another."""
     mover, settings = context.mover, context.settings
     lacking: NoSinglePartError | None = None
     for view in (None, *settings.surveys):

@@ -49,7 +49,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import Handler, PickContext, WorldModel
 from daemon.signals.packml import PackMLState, packml_state
-from daemon.signals.production_line import no_line
+from daemon.signals.production_line import ProductionLine
 
 HANDLERS: dict[PickState, Handler] = {
     PickState.SURVEY: find.survey,
@@ -107,7 +107,7 @@ class PickCycle:
         self.pick_order: PickOrder | None = None
         self.placing = PlaceTable()
         """Where parts belong; without places they go to the bin."""
-        self.production_line = no_line()
+        self.production_line = ProductionLine({}, cell.robot, None, cell.clock, cell.log.record)
         """The signals of the line; none unless the cell has some."""
         self.supervisor.mover.gate, self.supervisor.mover.work_gripper = self._gate, self._work_gripper
         self._world: WorldModel | None = None
@@ -236,7 +236,8 @@ class PickCycle:
         """The part that facetd grasped and has in the gripper, and where it is: by WHERE, the same before and after a
         look, and by the part's edges in the look. Nothing moves, and nothing needs to be enabled: people may have
         guided the arm. RefusedError where it is not known."""
-        return await self.supervisor.run("measure the part in the gripper", self._held_here(), moves=False)
+        work = set_down.held_here(self._context())
+        return await self.supervisor.run("measure the part in the gripper", work, moves=False)
 
     async def plan_from_side(self, goal: Goal, side: int) -> SidePlan:
         """How a part that lies on a side, from 0, where the table is surveyed, can be brought to a place; nothing
@@ -313,7 +314,8 @@ class PickCycle:
         return reading.world_from_tool
 
     async def set_gripper(self, closed: bool) -> None:
-        await self.supervisor.run("close the gripper" if closed else "open the gripper", self._hand(closed))
+        work = self.supervisor.mover.set_gripper(closed, self.settings.hand_time_s(closed))
+        await self.supervisor.run("close the gripper" if closed else "open the gripper", work)
 
     def positions(self) -> dict[str, Array]:
         """Named positions of the arm (home, bin, survey, survey2, ...) -> world_from_tool."""
@@ -398,38 +400,28 @@ class PickCycle:
         else:
             await self.supervisor.mover.operate_hand_valves(closed, hand_s)
 
-    def _context(self, recogniser: PartRecogniser) -> PickContext:
-        cell, mover = self.cell, self.supervisor.mover
+    def _context(self, recogniser: PartRecogniser | None = None) -> PickContext:
+        """recogniser: None for the one in use. Raises RefusedError where there is none."""
+        recogniser = self.recogniser if recogniser is None else recogniser
+        if recogniser is None:
+            raise RefusedError("there is no model: teach and train first")
+        cell, mover, part_held = self.cell, self.supervisor.mover, self.production_line.part_held
         return PickContext(
-            cell,
-            mover,
-            recogniser,
-            self.settings,
-            self.observer,
-            placing=self.placing,
-            part_held=self.production_line.part_held,
+            cell, mover, recogniser, self.settings, self.observer, placing=self.placing, part_held=part_held
         )
 
     async def _look(self, purpose: str) -> Look:
-        if self.recogniser is None:
-            raise RefusedError("there is no model to recognise parts with: teach and train first")
-        mover = self.supervisor.mover
+        context, mover = self._context(), self.supervisor.mover
         before = await mover.wait_until_at_rest() if self.cell.alone is None else await self._set_out_to_look()
         self._must_be_out_of_view(before)
-        look = await self._context(self.recogniser).look_exposed(before, purpose)
+        look = await context.look_exposed(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
 
     async def _locate(self, label: str) -> Array:
-        assert self.recogniser is not None
         await self._set_out_to_look()
-        return await set_down.locate(self._context(self.recogniser), WorldModel([]), label)
-
-    async def _held_here(self) -> set_down.HeldHere:
-        if self.recogniser is None:
-            raise RefusedError("there is no model: teach and train first")
-        return await set_down.held_here(self._context(self.recogniser))
+        return await set_down.locate(self._context(), WorldModel([]), label)
 
     async def _plan_from_side(self, goal: Goal, side: int) -> SidePlan:
         await self.supervisor.mover.wait_until_at_rest()
@@ -440,14 +432,12 @@ class PickCycle:
         return await self.cell.compute(plan_from_side, goal, side, lying_at, *arm)
 
     async def _look_at_places(self, goals: Sequence[Goal]) -> None:
-        assert self.recogniser is not None
         await self._set_out_to_look()
         for goal in goals:
-            await set_down.look_at(self._context(self.recogniser), WorldModel([]), goal)
+            await set_down.look_at(self._context(), WorldModel([]), goal)
 
     async def _around(self, most: int) -> WorldModel:
-        assert self.recogniser is not None
-        context, world = self._context(self.recogniser), WorldModel([])
+        context, world = self._context(), WorldModel([])
         await world.add_look(context, await context.look_exposed(await self._set_out_to_look(), "look around"))
         idle = 0
         for _ in range(0 if context.mover.dry else most):
@@ -464,9 +454,6 @@ class PickCycle:
     async def _walk(self, context: PickContext, count: int, report: Report) -> tuple[CircledPart, list[Look]]:
         await self._set_out_to_look()
         return await look_from_around(context, count, report)
-
-    async def _hand(self, closed: bool) -> None:
-        await self.supervisor.mover.set_gripper(closed, self.settings.hand_time_s(closed))
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.prepare_to_move()
@@ -596,13 +583,12 @@ class PickCycle:
 
     async def _run_cycle(self, order: PickOrder) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
-        assert self.recogniser is not None
-        supervisor, mover = self.supervisor, self.supervisor.mover
+        context, supervisor, mover = self._context(), self.supervisor, self.supervisor.mover
         self._cycles += 1
         mover.cycle = self._cycles
         started_s = self.cell.clock()
         self.cell.log.record("cycle_start", cycle=self._cycles, target=order.only)
-        context = replace(self._context(self.recogniser), cycle=self._cycles, order=order)
+        context = replace(context, cycle=self._cycles, order=order)
         world = self._world = WorldModel(list(self._left_alone), began_s=started_s)
         try:
             await self._run_states(context, world)

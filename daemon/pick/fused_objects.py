@@ -1,9 +1,8 @@
 """Objects on the table, fused from all looks so far: named parts, and objects without a name. Pure.
 
-A name that one look gave stays. The facets of the looks that tell most are fused, of so many that one look more takes
-no longer; those that no named part explains are put to the recogniser together, and where they hang together over a
-hollow edge, as parts that touch do, piece by piece. Fusing is vision's, and so is naming. Takes up to a second: not for
-the event loop.
+A part that one look named keeps its name. The facets of the most informative looks are fused, at most MOST_FUSED, so
+that further looks take no longer. The recogniser gets the facets that no named part explains: each connected group as a
+whole, and split at concave edges, where touching parts meet. Takes up to a second: not for the event loop.
 """
 
 from collections.abc import Sequence
@@ -21,34 +20,34 @@ from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
 
 ONE_MM = 15.0
-"""Named parts whose middles are this near are one."""
+"""Named parts whose centres are this near are the same part."""
 ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
-"""A facet that lies this near to a face of a named part, and so parallel, is of that part."""
+"""A facet this near and this parallel to a face of a named part belongs to that part."""
 EDGE_MM = 6.0
-"""An edge whose ends are this near to those of a part's is that edge."""
+"""An edge whose ends are this near to those of a part's edge is that edge."""
 MOST = 0.5
-"""A facet of which more lies in a face is of that face."""
+"""A facet with a larger share of its area in a face belongs to that face."""
 MOST_FUSED = 5
-"""So many looks are fused at most. What fusing takes grows with the square of their number, and what a table holds is
-seen from five sides, or from none."""
+"""Maximum number of fused looks: the time grows with the square of the number, and five sides
+show all that can be seen."""
 OF_NAMED = 0.1
-"""What a part that has its name counts, beside one that has none, where looks are chosen."""
+"""Weight of a named part in the choice of looks, relative to an unnamed one."""
 CELLS = 12
-"""A polygon is tried at so many times so many places."""
+"""Grid points per axis at which polygons are compared."""
 HOLLOW_MM = 2.0
-"""So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
+"""Facets whose centres are this far in front of each other's planes meet at a concave edge."""
 
 
 def fuse_objects(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> list[ObservedPart]:
-    """Everything that the looks, in order, show: what has a name as the newest look that named it has it; what has none
-    as all of them together do, in the newest look's frame."""
+    """All objects that the looks show, which are in order of time: named parts as the newest look that named them has
+    them; unnamed ones from all looks together, in the newest look's frame."""
     every = [part for look in looks for part in seen_parts(look)]
     named = _agreed([part for part in every if part.named], recogniser)
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
     try:
         fused = fuse([_whole_look_facets(look, doubt) for look in most_informative(looks)], doubt.shared())
-    except np.linalg.LinAlgError:  # facets of no extent: what each look says by itself stands
+    except np.linalg.LinAlgError:  # facets of no extent: use each look by itself
         fused = None
     if fused is None:
         return [*named, *(part for part in seen_parts(looks[-1]) if not part.named)]
@@ -83,7 +82,7 @@ def most_informative(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look
 
 
 def look_facets(look: Look, groups: Sequence[Group], doubt: Doubt) -> LookFacets:
-    """Groups of facets that a look measured, and from where."""
+    """Groups of facets of a look, with its viewpoint and errors."""
     rig, here = look.taken.rig, look.world_from_cyclopean
     return LookFacets(tuple(groups), here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
 
@@ -93,7 +92,7 @@ def _whole_look_facets(look: Look, doubt: Doubt) -> LookFacets:
 
 
 def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
-    """Each named part once, as it was seen last; those left out that looks gave different names to."""
+    """Each named part once, from the newest look that shows it, without parts to which looks gave different names."""
     middles = np.array([_middle(part, recogniser) for part in named]).reshape(-1, 3)
     near = np.linalg.norm(middles[:, None] - middles, axis=2) < ONE_MM
     out = set[int]()
@@ -105,8 +104,8 @@ def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[O
 def parts_not_overlapping(
     fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser
 ) -> list[ObservedPart]:
-    """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
-    one stays that has more, two of different names both go."""
+    """Drop named parts that claim the same facet, which two real parts cannot: of two with the same name keep the one
+    with more facet area; drop both of two with different names."""
     seen = fused.polyhedron
     area_mm2 = np.linalg.norm(seen.areas_mm2, axis=1)
     shares = np.array([_shares(seen, part, recogniser) for part in named]).reshape(len(named), len(seen.facets))
@@ -137,8 +136,7 @@ def _middle(part: ObservedPart, recogniser: PartRecogniser) -> Array:
 
 
 def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[int]:
-    """The facets that lie for less than half in faces of named parts, all together, and are no side of one that was
-    never taught."""
+    """Facets with at most MOST of their area in faces of named parts, which are not untaught sides of such a part."""
     seen = fused.polyhedron
     explained, theirs = np.zeros(len(seen.facets)), set[int]()
     for part in named:
@@ -151,9 +149,9 @@ def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: P
 
 
 def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
-    """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
-    taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
-    the same plane, or hollow, another part begins."""
+    """Facets beyond the edges of a part's taught surface, and those connected to them: sides that no taught view showed.
+    mine: the facets in its faces. At such an edge the next facet bends away from the part; if it is coplanar or the edge
+    is concave, another part begins."""
     ends = [shape.corners_mm[[a, b]] for (a, b), place in shape.edges.items() if place not in shape.across]
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
     beyond, new = set[int](), set[int]()
@@ -173,13 +171,13 @@ def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_f
 
 
 def _bends_away(seen: Polyhedron, facet: int, other: int) -> bool:
-    """Whether two facets that share an edge meet in one that is neither hollow nor flat."""
+    """Whether two adjacent facets meet at a convex edge."""
     turned = float(seen.normals[facet] @ seen.normals[other]) < np.cos(ON_FACE_RAD)
     return turned and max(_before_mm(seen, facet, other)) < 0.0
 
 
 def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
-    """How far the middles of two facets lie in front of each other's planes."""
+    """Signed distances of the centres of two facets from each other's planes, mm."""
     apart = seen.centres_mm[other] - seen.centres_mm[one]
     return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
 
@@ -199,8 +197,7 @@ def share_on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_pa
 
 
 def _share_in(ring: Array, outline: Array) -> float:
-    """Share of a polygon (N, 2) that lies in another (M, 2). Where the middle of its corners lies would not tell: an
-    L's lies outside the L."""
+    """Share of a polygon's area (N, 2) inside another (M, 2). Its centre would not do: that of an L is outside it."""
     low, high = ring.min(0), ring.max(0)
     cells = (np.indices((CELLS, CELLS)).reshape(2, -1).T + 0.5) / CELLS
     points = low + cells * (high - low)
@@ -209,33 +206,33 @@ def _share_in(ring: Array, outline: Array) -> float:
 
 
 def _whole(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
-    """Some of the facets, those together that share edges."""
-    return [[facets[k] for k in thing] for thing in fused.only(facets).connected_facets()] if facets else []
+    """Split facets into connected groups."""
+    return [[facets[k] for k in group] for group in fused.only(facets).connected_facets()] if facets else []
 
 
 def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
-    """What of the facets may be one part: what hangs together; of that, what hangs together over no hollow edge; and of
-    that the facets whose corners are seen to be corners, from two places."""
+    """Groups of facets that may be one part: connected ones; their parts between concave edges; and of each the facets
+    whose corners two looks confirmed."""
     found = list[list[int]]()
-    for thing in _whole(fused, facets):
-        for piece in (thing, *convex_groups(fused.polyhedron, thing)):
+    for group in _whole(fused, facets):
+        for piece in (group, *convex_groups(fused.polyhedron, group)):
             sure = [k for k in piece if fused.confirmed[k]]
             found += [piece, *([sure] if sure else [])]
     return [piece for k, piece in enumerate(found) if piece not in found[:k]]
 
 
-def convex_groups(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
-    """A thing's facets, those together that hang together over no hollow edge."""
-    touch = seen.touching[np.ix_(thing, thing)].copy()
+def convex_groups(seen: Polyhedron, group: list[int]) -> list[list[int]]:
+    """Split a connected group of facets at its concave edges."""
+    touch = seen.touching[np.ix_(group, group)].copy()
     for a, b in np.argwhere(touch).tolist():
-        touch[a, b] = min(_before_mm(seen, thing[a], thing[b])) < HOLLOW_MM
-    return [[thing[k] for k in piece] for piece in connected(touch)]
+        touch[a, b] = min(_before_mm(seen, group[a], group[b])) < HOLLOW_MM
+    return [[group[k] for k in piece] for piece in connected(touch)]
 
 
 def _recognised(
     fused: FusedLooks, piece: Sequence[int], newest: Look, recogniser: PartRecogniser
 ) -> list[ObservedPart]:
-    """Some facets as the newest look would have measured them all, and what they are taken for."""
+    """Recognise a group of fused facets, in the newest look's frame."""
     group = group_of(fused, piece, frames.inverse(newest.world_from_cyclopean), newest.taken.rig)
     return [ObservedPart(part, newest) for part in recogniser.recognise(group)]
 

@@ -1,5 +1,5 @@
-"""What the gripper's own sensor says, held against what the looks show. It is never believed against a look: where the
-two differ, the arm stops, what is in the gripper is unknown from then on, and a person is asked.
+"""The gripper's part sensor, checked against the looks. Where the two differ, neither is believed: the arm stops, the
+content of the gripper is unknown from then on, and a person must report it.
 """
 
 import asyncio
@@ -12,17 +12,17 @@ from daemon.pick.looks import CapturedPair, capture_pair
 from daemon.pick.world import PickContext
 
 MORE_DWELLS = 2
-"""So often a vacuum that is not there yet is waited for again, before the lift."""
+"""Additional waits for the vacuum before the lift."""
 
 
 class SensorDisagreesError(FacetdError):
-    """The gripper's sensor and a look say different things."""
+    """The gripper's sensor and a look disagree."""
 
     code = CauseCode.SENSOR_DISAGREES
 
 
 async def read_sensor(context: PickContext, when: str) -> bool | None:
-    """Whether a part is in the gripper, by its sensor now; None: it has none, or nothing was sent."""
+    """Read the gripper's sensor: whether it holds a part; None without a sensor or in a dry run."""
     if context.mover.dry:
         return None
     held = await context.part_held()
@@ -32,7 +32,7 @@ async def read_sensor(context: PickContext, when: str) -> bool | None:
 
 
 async def wait_for_hold(context: PickContext) -> None:
-    """Wait as long again, twice at most, where the sensor says that the gripper holds nothing yet."""
+    """Wait again, at most MORE_DWELLS times, while the sensor reports no part."""
     for _ in range(MORE_DWELLS):
         if await read_sensor(context, "closed") is not False:
             return
@@ -40,8 +40,8 @@ async def wait_for_hold(context: PickContext) -> None:
 
 
 def contradiction(label: str, sensor: bool | None, shows: str, holds: bool) -> str | None:
-    """What the sensor and a look say, where they differ. shows: what the look shows of the part; holds: whether that
-    means that the gripper holds it."""
+    """The contradiction between sensor and look as text, or None. shows: the look's result as text; holds: whether by
+    that result the gripper holds the part."""
     if sensor is None or sensor is holds:
         return None
     says = "holds a part" if sensor else "holds nothing"
@@ -49,16 +49,16 @@ def contradiction(label: str, sensor: bool | None, shows: str, holds: bool) -> s
 
 
 def stop_if_contradicted(context: PickContext, text: str | None) -> None:
-    """Raise SensorDisagreesError where there is a contradiction: what the gripper holds is unknown from now on, and the
-    gripper stays as it is."""
+    """Raise SensorDisagreesError for a contradiction. The content of the gripper is unknown from then on; the gripper is
+    not moved."""
     if text is not None:
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=None)
         raise SensorDisagreesError(f"{text}: look into the gripper, type `holding yes` or `holding no`, then `resume`")
 
 
 async def gripper_pair(context: PickContext, target: Target | None) -> CapturedPair | None:
-    """A pair of the gripper that may hold the target, from where the arm is at rest; None where the pictures do not
-    come to rest (a conveyor below)."""
+    """Capture a pair that shows the gripper, at the arm's present position; None without a target, in a dry run, or where
+    the images do not become still (a conveyor below)."""
     cell, reading = context.cell, context.mover.belief.resting_reading
     if target is None or context.mover.dry:
         return None

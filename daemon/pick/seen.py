@@ -1,6 +1,6 @@
 """Observed parts in the world frame: which are the same part, their order, which a new look should show again.
 
-Pure. What is made of them is find.py's business; one part followed closely is following.py's.
+Pure. find.py chooses among them; following.py follows one part.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from daemon.vision.geometry import FACING, newell_normal
 from daemon.vision.values import Facet, Part, Recognition
 
 SAME_PLACE_MM = 30.0
-"""What is seen nearer than this to where something lay is that."""
+"""Objects nearer to each other than this, in two looks, are the same."""
 NEIGHBOUR_MM, RIM_PX = 100.0, 30.0
-"""How far from a part what is seen may keep the fingers from it; how far inside an image it must be to be missed."""
+"""How near an object must be to a part to obstruct the fingers; how far inside an image a part must be to be missing."""
 
 
 def apart_mm(a: Array, b: Array) -> float:
@@ -26,13 +26,13 @@ def apart_mm(a: Array, b: Array) -> float:
 
 
 def same_place(a: Array, b: Array, within_mm: float = SAME_PLACE_MM) -> bool:
-    """Whether what lies at two points (3,), mm, is one thing."""
+    """Whether two positions (3,), mm, are of the same object."""
     return apart_mm(a, b) < within_mm
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedPart:
-    """A part as one look saw it, and where that is in the world."""
+    """A part as one look shows it, in the world frame."""
 
     part: Part
     look: Look
@@ -96,8 +96,8 @@ def facings(part: ObservedPart) -> list[Facing]:
 
 
 def is_facet_of(other: ObservedPart, part: ObservedPart) -> bool:
-    """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
-    whose middle lies within the part's reach. It would keep the fingers from every grasp."""
+    """Whether an observed object is a facet of a named part, measured inaccurately: a single unnamed facet whose centre
+    is within the part's radius. Otherwise it would obstruct every grasp."""
     reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
     return other.lone and same_place(other.centre, part.centre, reach)
 
@@ -117,7 +117,7 @@ def seen_parts(look: Look) -> list[ObservedPart]:
 
 
 def in_both_images(look: Look, point: Array) -> bool:
-    """Whether a point (3,), world, lies well within both images of a look."""
+    """Whether a point (3,), world, is at least RIM_PX inside both images of a look."""
     middle, rig = frames.apply(frames.inverse(look.world_from_cyclopean), point[None]), look.taken.rig
     px = np.concatenate([camera.project(middle) for camera in (rig.left, rig.right)])
     return bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))

@@ -1,4 +1,4 @@
-"""What a pick works with, what it knows, and what its handlers do alike: travel, look, leave a part alone.
+"""Context and world model of a pick, and the actions that its handlers share: travel, look, skip a part.
 
 A handler is `async def state(context, world) -> Event`: it does what its state is for and returns an event that leaves
 it, as its annotation says (transitions.py has the table). Whatever it raises is a fault: the arm is stopped first, then
@@ -53,8 +53,8 @@ from daemon.store.place_status import AT_PLACE_MM
 RULES_FOR_EVERY_MOVE = ("fault_active", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
 AT_BOX_MM = 4.0
-"""Facets without a name whose corners all lie this near to boxes that the arm keeps out of, a fixture's or a post's,
-are its sides: nothing to pick, and nothing to look at again."""
+"""Unnamed facets with all corners this near to keep-out boxes are sides of a fixture or post: they are not picked and
+get no second view."""
 MOST_EXPOSURES = 3
 """Tries at the right exposure in one place."""
 MOST_LOOKS, MOST_S = 40, 300.0
@@ -65,8 +65,7 @@ SUSPECTS = {"camera": CauseCode.CAMERA_KNOCKED, "hand-eye": CauseCode.HAND_EYE}
 
 
 class SuspectError(FacetdError):
-    """Looks disagree in a way that says the cell's geometry is not what the calibration says. who: camera, hand-eye, or
-    unclear."""
+    """Looks disagree in a way that contradicts the calibration. who: camera, hand-eye, or unclear."""
 
     def __init__(self, text: str, who: str) -> None:
         super().__init__(text)
@@ -79,8 +78,8 @@ async def no_sensor() -> None:
 
 @dataclass(frozen=True, eq=False)
 class PickContext:
-    """What a pick works with. cycle: its number; order: what is still to be picked, this part included; placing: where
-    parts belong; part_held: what the gripper's sensor says, None: it has none."""
+    """Resources of a pick. cycle: its number; order: the parts still to pick, including this one; placing: the places of
+    parts; part_held: reads the gripper's sensor (None: it has none)."""
 
     cell: Workcell
     mover: Mover
@@ -99,8 +98,8 @@ class PickContext:
     async def look(
         self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None, back: bool = False
     ) -> Look:
-        """A settled look from where the arm now is, logged; expected: see take_look; back: one camera goes to the left
-        for its second picture rather than to the right."""
+        """Take and log a look at the arm's present position, once the images are still. expected: see take_look; back: a
+        single camera moves left, not right, for its second image."""
         settings, cell = self.settings, self.cell
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
         taken = await capture_pair(cell, reading, rest_s, settings.settling)
@@ -112,8 +111,8 @@ class PickContext:
         return look
 
     async def _from_beside(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
-        """The second picture of a pair of one camera, from beside the first; since when the arm is at rest, and the
-        pair. Raises RefusedError where the arm cannot go beside."""
+        """Move a single camera sideways and take the second image of its pair. Returns the time from which the arm is at
+        rest, and the pair. Raises RefusedError where the arm cannot move sideways."""
         mover, settings, cell = self.mover, self.settings, self.cell
         if mover.dry:
             raise RefusedError(
@@ -141,8 +140,8 @@ class PickContext:
         )
 
     async def look_exposed(self, reading: Reading, purpose: str) -> Look:
-        """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp
-        hangs on: those of an approach are never held up, and all see by one light."""
+        """Take a look, and repeat it with another exposure while the exposure is wrong. Not for the looks of an approach:
+        these must not wait, and all need the same exposure."""
         seen = await self.look(reading, purpose)
         for k in range(MOST_EXPOSURES):
             done = await adjust_exposure(self.cell, seen)
@@ -157,9 +156,8 @@ class PickContext:
 
 @dataclass(frozen=True)
 class InformationGain:
-    """What one more look has brought. about: what was looked at; before, after: what is thought of it, in the
-    operator's words, and the bits that are open; expected: those that the look was to settle; seconds: what the way and
-    the look were to take."""
+    """Information that a further look gained. about: the object; before, after: its hypotheses as text, with their
+    entropy in bits; expected: the predicted reduction, bits; seconds: the predicted time of travel and look."""
 
     about: str
     before: str
@@ -172,7 +170,7 @@ class InformationGain:
 
 @dataclass(frozen=True, eq=False)
 class BeforeDisagreement:
-    """What lay on the table before two looks at a target disagreed: the other parts, and the target."""
+    """The other parts and the target, as found before two looks at the target disagreed."""
 
     others: list[ObservedPart]
     itself: list[ObservedPart]
@@ -180,72 +178,73 @@ class BeforeDisagreement:
 
 @dataclass(eq=False, repr=False)
 class WorldModel:
-    """What a pick knows of the table, in the world frame, mm. The running pick has one, and its handlers keep it."""
+    """State of the running pick and its table, world frame, mm; the handlers update it."""
 
     skipped: list[Skipped]
-    """Parts left alone, from pick to pick."""
+    """Skipped parts, kept from pick to pick."""
     found: list[ObservedPart] = field(default_factory=list)
-    """What lies on the table by these looks."""
+    """Objects on the table according to these looks."""
     looks: list[Look] = field(default_factory=list)
-    """At the whole table since it was last surveyed."""
+    """Looks at the whole table since the last survey."""
     looked_again: list[Array] = field(default_factory=list)
-    """(3,) centres of parts that were looked at from another side."""
+    """(3,) centres of parts that got a second view."""
     gained: list[InformationGain] = field(default_factory=list)
-    """What each further look brought."""
+    """Information gain of each further look."""
     ghosts: list[Array] = field(default_factory=list)
-    """(3,) middles of lone facets that did not show again."""
+    """(3,) centres of single facets that later looks did not confirm."""
     unseen_directions: list[tuple[Array, Array]] = field(default_factory=list)
-    """(3,) where a part lay and (3,) in which direction from it a look along its approach did not find it."""
+    """Positions (3,) of parts, each with the direction (3,) from which a look along the approach did not find it."""
     target: Target | None = None
     """The part to be picked."""
     last_target: Target | None = None
-    """Stays when the target is given up."""
+    """The latest target, also after it was given up."""
     doubtful: ObservedPart | None = None
-    """A part to be looked at from another side."""
+    """The part that needs a second view."""
     failures: int = 0
-    """Of tries at a target."""
+    """Failed attempts at a target."""
     replans: int = 0
     """How often a target was planned again."""
     stale_looks: int = 0
-    """How often a table was looked at again because its looks got old."""
+    """Number of repeated surveys because the looks were too old."""
     before_disagreement: BeforeDisagreement | None = None
-    """What was found before two looks at the target disagreed."""
+    """The state before two looks at the target disagreed."""
     disagreement_count: int = 0
-    """How often two looks disagreed and the whole table had to be looked at."""
+    """Number of disagreements that needed another survey."""
     began_s: float = 0.0
     """On the cell's clock."""
     moved_s: float = 0.0
-    """How much of the time since then was motion, or waiting for leave to move."""
+    """Time since then spent in motion or waiting for permission to move."""
     look_count: int = 0
-    """How many looks there were."""
+    """Number of looks."""
     seen_again: tuple[int, int] = (0, 0)
-    """How many parts the next look showed where they lay, and how many not."""
+    """Numbers of parts that the next look found at the same position, and did not."""
     disagreements: Counter[str] = field(default_factory=Counter)
-    """What else of two looks did not agree, and how often."""
+    """Other disagreements between looks, with their counts."""
     regrasps: int = 0
-    """How often a part was laid down to be taken anew."""
+    """Number of set-downs on the table for another grasp."""
     set_down_at: str | None = None
-    """The place at which the gripper was to open."""
+    """Name of the place where the gripper was commanded to open."""
     result: PickResult = NOTHING_THERE
     """The outcome so far."""
     gripper_opened: bool = False
-    """The gripper has opened where the part was to go, and no look has judged it yet."""
+    """The gripper opened at the destination, and no look has verified the result yet."""
     brought: bool = False
     """Whether the part was released over the bin or at its place."""
     going_home: bool = False
-    """Nothing else is left of the pick."""
+    """Only the way home remains of the pick."""
     ended_by: JobEvent | None = None
     """What stopped the arm in this pick."""
     stopped_by: CauseCode | None = None
-    """The cause of that, where it is not the pick's outcome."""
+    """Its cause, if that is not the outcome of the pick."""
 
     def the_target(self) -> Target:
-        """The target, where a state has one."""
+        """The target; for states that have one."""
         assert self.target is not None
         return self.target
 
     async def add_look(self, context: PickContext, look: Look) -> None:
-        """One more look at the whole table, or at a part of it. Fused beside the loop: a stop is heard meanwhile."""
+        """Add a look at the whole table or a part of it, and fuse all looks, in the compute process, so that a stop is
+        handled meanwhile."""
         if self.looks:
             again, not_again = count_seen_again(self.looks[-1], look)
             self.seen_again = self.seen_again[0] + again, self.seen_again[1] + not_again
@@ -256,7 +255,7 @@ class WorldModel:
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
     def give_up_reason(self, context: PickContext) -> str | None:
-        """What disagreed, in words, where the pick has taken more looks or time than any needs; else None."""
+        """The reason as text if the pick has used more looks or time than any pick needs, else None."""
         seconds = context.cell.clock() - self.began_s - self.moved_s
         if self.look_count < MOST_LOOKS and seconds < MOST_S:
             return None
@@ -273,12 +272,12 @@ class WorldModel:
         return f"given up after {self.look_count} looks and {seconds:.0f} s of looking and computing: {reasons}{blame}"
 
     def tell(self, context: PickContext, gained: InformationGain) -> None:
-        """Keep what a look has brought, and log it."""
+        """Store and log the information gain of a look."""
         self.gained.append(gained)
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
     def left(self, context: PickContext) -> list[ObservedPart]:
-        """What was found, is or may be wanted, lies at no place that is taken, and was not skipped, in order."""
+        """Found parts that are or may be wanted, are not at an occupied place, and were not skipped; in picking order."""
         return [
             part
             for part in in_pick_order(self.found, context.settings.order)
@@ -288,12 +287,12 @@ class WorldModel:
         ]
 
     def place_of(self, context: PickContext, part: ObservedPart) -> Goal | None:
-        """The place that is taken, and at which a part lies."""
+        """The occupied place where a part lies, or None."""
         taken = context.placing.taken()
         return next((goal for goal in taken if same_place(goal.centre, part.centre, AT_PLACE_MM)), None)
 
     def unseen_directions_of(self, centre: Array) -> list[Array]:
-        """(3,) directions from a part that lies here in which a look along its approach did not find it."""
+        """(3,) directions from which looks along the approach did not find a part at this position."""
         return [away for at, away in self.unseen_directions if same_place(at, centre)]
 
 
@@ -308,7 +307,7 @@ def skip(
     why: str,
     code: CauseCode | DecisionCode,
 ) -> None:
-    """Leave a part alone from now on."""
+    """Skip a part from now on, and log why."""
     seen_at = part.seen_at if isinstance(part, Target) and part.seen_at is not None else part.centre
     world.skipped.append(Skipped(part.label, seen_at, outcome, why))
     world.result = PickResult(outcome, f"{part.label}: {why}", code)
@@ -316,15 +315,15 @@ def skip(
 
 
 def reraise_if_all_refused(error: MoveError) -> None:
-    """Raise a refusal where no other move would be allowed either."""
+    """Raise the error again if its rule refuses every move."""
     if isinstance(error, MoveRefusedError) and error.refusal.rule in RULES_FOR_EVERY_MOVE:
         raise error
 
 
 async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
-    """A move was refused: raise where all motion is closed. Where nobody confirmed it in time, look at the table again
-    (until world.give_up_reason ends it). Where the target was looked at on the way, its place is known better than when its
-    approach was chosen: choose again, but not for ever; else leave it alone."""
+    """Handle a refused move. Raise it if no move is permitted. If nobody confirmed it in time, look at the table again
+    (until give_up_reason ends that). If looks on the way have refined the target's pose, plan again, a limited number of
+    times; else skip the target."""
     reraise_if_all_refused(error)
     target = world.the_target()
     if isinstance(error, MoveRefusedError) and error.refusal.rule == UNCONFIRMED:
@@ -357,7 +356,7 @@ async def plan_again(
 async def travel(
     context: PickContext, world: WorldModel, pose: Array, purpose: str, look: Look | None = None, straight: bool = False
 ) -> None:
-    """Go there in bounded steps; slower the nearer a part is (a target known) or at travel speed."""
+    """Move there in bounded steps, at travel speed, or slower near the target."""
     settings, target = context.settings, world.target
 
     def speed(step: Array) -> float:
@@ -372,7 +371,7 @@ async def travel(
 
 
 async def look(context: PickContext, world: WorldModel, purpose: str, expected: Expected | None = None) -> Look:
-    """A look from where the last move ended."""
+    """Take a look from the end of the last move."""
     assert context.mover.belief.resting_reading is not None
     stop = 0 if world.target is None else world.target.looks + 1
     world.look_count += 1

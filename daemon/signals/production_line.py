@@ -280,22 +280,3 @@ async def keep_watch(
                 trouble(f"signals: {error}")
             await sleep(FAILED_S if failed else POLL_S)
             failed = True
-
-
-class NoSignals:
-    """A cell without a line: reads and sets nothing."""
-
-    async def set_outputs(self, numbers: Sequence[int]) -> None:
-        """Never called."""
-
-    async def work_valves(self, numbers: Sequence[int]) -> None:
-        """Never called."""
-
-    async def ask_input(self, text: str) -> str:
-        """Never called."""
-        return ""
-
-
-def no_line() -> ProductionLine:
-    """The signals of a cell without a line."""
-    return ProductionLine({}, NoSignals(), None, lambda: 0.0, lambda *_, **__: None)

@@ -27,7 +27,7 @@ from daemon.pick.planning.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
 from daemon.signals.packml import PackMLState
-from daemon.signals.production_line import ProductionLine, no_line
+from daemon.signals.production_line import ProductionLine
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
 
@@ -61,7 +61,9 @@ class FakeCycle:
     located: Any = None
     errs: tuple[float, float] = (0.3, 0.1)
     plans: Sequence[SidePlan] = ()
-    production_line: ProductionLine = field(default_factory=no_line)
+    production_line: ProductionLine = field(
+        default_factory=lambda: ProductionLine({}, Mock(), None, lambda: 0.0, lambda *_, **__: None)
+    )
     packml: PackMLState = PackMLState.IDLE
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 

@@ -48,7 +48,7 @@ class Grasps(NamedTuple):
 
 
 class HoldingVolume(NamedTuple):
-    """Where a gripper touches what it holds: within half of width_mm of the line from back_mm behind the tool centre
+    """Where a gripper may touch a held part: within half of width_mm of the line from back_mm behind the tool centre
     point to tip_mm before it."""
 
     back_mm: float
@@ -61,7 +61,7 @@ class Gripper(Protocol):
 
     @property
     def body(self) -> HandBody:
-        """What of it may strike something."""
+        """Its body for collision checks."""
 
     @property
     def by_vacuum(self) -> bool:
@@ -77,7 +77,7 @@ class Gripper(Protocol):
 
     @property
     def holding_volume(self) -> HoldingVolume:
-        """Where it touches what it holds."""
+        """Where it may touch a held part."""
 
     @property
     def widest_mm(self) -> float | None:
@@ -85,7 +85,7 @@ class Gripper(Protocol):
 
     @property
     def empty(self) -> Polyhedron | None:
-        """How it shows, tool frame, once it was closed on nothing; None: no look can tell."""
+        """Its shape when closed without a part, tool frame; None: no look can show that."""
 
     @property
     def turning(self) -> "Gripper | None":
@@ -104,13 +104,13 @@ class Gripper(Protocol):
         neighbours: Sequence[Array] = (),
         near: Array | None = None,
     ) -> Grasps:
-        """Grasps of a part that lies like this. error_mm: how far off the part may be from where it is thought to be;
+        """Grasps of a part in this pose. error_mm: how far the part may be from it;
         neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only grasps whose tool is turned
         nearly like it. Raises ValueError where the shape's corners span no volume."""
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
-        """What the gripper can grasp a part by, in words, however the part lies; empty: its grasps depend on how it
-        lies. error_mm: see grasps."""
+        """By what the gripper can grasp a part in any pose, as text; empty: that depends on the pose. error_mm: see
+        grasps."""
 
     def sweeps(self, world_from_tool: Array, neighbour: Array) -> bool:
         """Whether a neighbour (M, 3) reaches into the room that it sweeps on the last stretch to a grasp."""

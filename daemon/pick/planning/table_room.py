@@ -1,4 +1,4 @@
-"""Free room on the table: what lies beside a part, and where a part can be placed. Pure."""
+"""Free space on the table: the obstacles beside a part, and where a part can be placed. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,35 +11,35 @@ from daemon.pick.settings import Settings
 from daemon.vision.geometry import off_segments
 
 SPOT_MM, SPOTS_OUT_MM = 40.0, 160.0
-"""Spots on the table: how far apart, and how far from where it is surveyed."""
+"""Spots on the table: their spacing, and the largest distance from the surveyed point."""
 CLEARANCE_MM = 15.0
-"""How far the hand and the part laid down keep from what lies beside: looks at it err, and show only some of it."""
+"""Clearance of the gripper and of a part set down from obstacles: looks err, and show only some of an obstacle."""
 BIN_MM = 150.0
-"""How far from the bin nothing is laid down."""
+"""No part is set down this near to the bin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """What lies on the table beside, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
+    """Other objects on the table, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
 
     middles: Array
     radii: Array
     tops: Array
 
     def free(self, spot: Array, radius_mm: float) -> bool:
-        """Whether a part that reaches so far from a spot (2,) lies on none of it."""
+        """Whether a part of this radius at a spot (2,) is clear of all obstacles."""
         away = np.linalg.norm(self.middles - spot, axis=1)
         return bool((away > self.radii + radius_mm + CLEARANCE_MM).all())
 
     def hides(self, points: Array, viewpoint: Array) -> bool:
-        """Whether any of it may be before one of (N, 3) points, seen from a viewpoint (3,) above them."""
+        """Whether an obstacle may hide one of (N, 3) points from a viewpoint (3,) above them."""
         rays = viewpoint - points
         share = np.clip((self.tops - points[:, 2:]) / rays[:, 2:], 0.0, 1.0)
         ends = points[:, None, :2] + share[..., None] * rays[:, None, :2]
         return bool((off_segments(self.middles, points[:, None, :2], ends) < self.radii).any())
 
     def clear(self, tools: Array, limits: Limits) -> Flags:
-        """(N,) whether the hand at (N, 4, 4) keeps off all of it: fingers, palm and cameras, not the arm behind."""
+        """(N,) whether the hand (fingers, palm, cameras; not the arm) at (N, 4, 4) is clear of all obstacles."""
         hand = hand_of(limits)
         ends = hand.ends_mm @ np.swapaxes(tools[:, None, :3, :3], 2, 3) + tools[:, None, None, :3, 3]
         away = off_segments(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
@@ -49,16 +49,16 @@ class Obstacles:
 
 
 def obstacles_of(corners: Sequence[Array]) -> Obstacles:
-    """What things take up some of whose corners are known, (M, 3) each, world mm."""
+    """Obstacles around the known corners (M, 3) of objects, world mm."""
     spans = [(each.min(axis=0), each.max(axis=0)) for each in corners]
     middles = np.array([(low[:2] + high[:2]) / 2 for low, high in spans]).reshape(-1, 2)
     radii = [np.linalg.norm(c[:, :2] - m, axis=1).max() for c, m in zip(corners, middles, strict=True)]
     return Obstacles(middles, np.array(radii, float), np.array([high[2] for _, high in spans], float))
 
 
-def free_spots(beside: Obstacles, radius_mm: float, settings: Settings) -> list[Array]:
-    """(2,) each: where on the table a part that reaches so far may be placed, the middle of what is surveyed first.
-    Free of what lies beside and of keep-outs, and not at the bin."""
+def free_spots(obstacles: Obstacles, radius_mm: float, settings: Settings) -> list[Array]:
+    """Spots (2,) on the table where a part of this radius may be placed, those nearest to the surveyed point first: clear
+    of obstacles, keep-out boxes and the bin."""
     middle = np.array(settings.surveys[0].centre_mm[:2])
     steps = np.arange(-SPOTS_OUT_MM, SPOTS_OUT_MM + 1.0, SPOT_MM)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -70,7 +70,7 @@ def free_spots(beside: Obstacles, radius_mm: float, settings: Settings) -> list[
     return [
         spot
         for spot in spots
-        if beside.free(spot, radius_mm)
+        if obstacles.free(spot, radius_mm)
         and np.linalg.norm(spot - bin_at) > BIN_MM + radius_mm
         and (spot > low + radius_mm).all()
         and (spot < high - radius_mm).all()
@@ -79,5 +79,5 @@ def free_spots(beside: Obstacles, radius_mm: float, settings: Settings) -> list[
 
 
 def _near(spot: Array, box: Array) -> float:
-    """How far a point (2,) is from a rectangle, its corners (2, 2)."""
+    """Distance of a point (2,) from a rectangle with corners (2, 2)."""
     return float(np.linalg.norm(np.maximum(np.maximum(box[0] - spot, spot - box[1]), 0.0)))
