@@ -27,11 +27,6 @@ class ART1:
         self.rho, self.L, self.capacity = rho, L, capacity
         self.top_down: Array = np.empty((0, 0))
 
-    @property
-    def bottom_up(self) -> Array:
-        """Z = L z / (L - 1 + |z|), (1.8), (J, M)."""
-        return np.asarray(self.L * self.top_down / (self.L - 1.0 + self.top_down.sum(axis=1, keepdims=True)))
-
     def learn(self, X: Any) -> Index:
         """Learn the patterns in their order; the node of each, (N,), -2 where none fits and all are committed."""
         return np.array([self._present(pattern) for pattern in self._patterns(X)], dtype=np.int64)

@@ -19,7 +19,6 @@ from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
-    BeforeDisagreement,
     PickContext,
     SuspectError,
     WorldModel,
@@ -200,5 +199,5 @@ async def _diagnose_disagreement(
         often = f"{world.disagreement_count} approaches in one pick, and nothing else moved"
         raise SuspectError(f"{text}, {often}; likely cause: hand-eye; `calibrate verify`", "hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
-    world.before_disagreement = BeforeDisagreement([p for p in world.found if p not in itself], itself)
+    world.before_disagreement = [p for p in world.found if p not in itself], itself
     return "unclear"

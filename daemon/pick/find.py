@@ -134,16 +134,16 @@ async def _resolve_disagreement(context: PickContext, world: WorldModel) -> None
 
     Where there are no others, check the part itself.
     """
-    question, world.before_disagreement = world.before_disagreement, None
-    if question is None:
+    before, world.before_disagreement = world.before_disagreement, None
+    if before is None:
         return
     await context.mover.still_there("the look at the whole table")
 
-    async def moved(before: list[ObservedPart]) -> list[float]:
+    async def moved(parts: list[ObservedPart]) -> list[float]:
         shape_of, rig, doubt = context.recogniser.shape, context.cell.rig, context.settings.doubt
-        return await context.cell.compute(chi_squares_of_others, before, world.found, shape_of, rig, doubt)
+        return await context.cell.compute(chi_squares_of_others, parts, world.found, shape_of, rig, doubt)
 
-    others, itself = await moved(question.others), await moved(question.itself)
+    others, itself = [await moved(parts) for parts in before]
     if not others and itself and max(itself) <= CHI_SQUARE_6:
         context.decide(
             "approach it again",

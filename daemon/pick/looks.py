@@ -164,29 +164,20 @@ def moved_pair_of(cell: Workcell, first: CapturedPair, second: CapturedPair, dou
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """What is computed of a pair of pictures: see Look, of which it is a part."""
-
-    scene: Scene
-    health: tuple[Finding, ...]
-    tracked: Fit | None
-    clue: Clue
-
-
 def observe(
     recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | None, expected: Expected | None
-) -> Observation:
-    """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
+) -> tuple[Scene, tuple[Finding, ...], Fit | None, Clue]:
+    """Compute scene, health, tracked pose and clue of a pair (see Look); arguments and errors as those of take_look.
+    Takes up to a second: for a Compute."""
     health = pair_health(taken)
     tracked = None if expected is None else expected.fit(taken)
     scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
     if tracked is None:
         health = (*health, *sharpness(taken.images), *(() if taken.moved else drift(scene)))  # the arm errs, too
     clue = clue_of(scene, taken.rig, recogniser.shape)
-    return Observation(
-        scene, health, tracked, clue if taken.moved is None else clue_with_arm_errors(clue, taken.moved.arm)
-    )
+    if taken.moved is not None:
+        clue = clue_with_arm_errors(clue, taken.moved.arm)
+    return scene, health, tracked, clue
 
 
 async def take_look(
@@ -202,20 +193,20 @@ async def take_look(
     else is looked for. Raises VisionError on images that mislead (frozen, covered, swapped, half), besides what see
     raises, and ComputeError."""
     table = None if table_z_mm is None else table_at(table_z_mm, taken.world_from_cyclopean)
-    seen = await cell.compute(observe, recogniser, taken, table, expected)
+    scene, health, tracked, clue = await cell.compute(observe, recogniser, taken, table, expected)
     now_s = cell.clock()
     taken_s = min(taken.pictures.left.taken_s, taken.pictures.right.taken_s)
     return Look(
-        scene=seen.scene,
+        scene=scene,
         taken=taken,
         taken_s=taken_s,
         seconds=now_s - rest_s,
         from_light_s=now_s - taken_s,
-        epipolar_px=epipolar_px(seen.scene),
-        clue=seen.clue,
+        epipolar_px=epipolar_px(scene),
+        clue=clue,
         table=table,
-        health=seen.health,
-        tracked=seen.tracked,
+        health=health,
+        tracked=tracked,
     )
 
 

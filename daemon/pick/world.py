@@ -168,14 +168,6 @@ class InformationGain:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False)
-class BeforeDisagreement:
-    """The other parts and the target, as found before two looks at the target disagreed."""
-
-    others: list[ObservedPart]
-    itself: list[ObservedPart]
-
-
 @dataclass(eq=False, repr=False)
 class WorldModel:
     """State of the running pick and its table, world frame, mm; the handlers update it."""
@@ -206,8 +198,8 @@ class WorldModel:
     """How often a target was planned again."""
     stale_looks: int = 0
     """Number of repeated surveys because the looks were too old."""
-    before_disagreement: BeforeDisagreement | None = None
-    """The state before two looks at the target disagreed."""
+    before_disagreement: tuple[list[ObservedPart], list[ObservedPart]] | None = None
+    """The other parts and the target, as found before two looks at the target disagreed."""
     disagreement_count: int = 0
     """Number of disagreements that needed another survey."""
     began_s: float = 0.0

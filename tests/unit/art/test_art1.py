@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from daemon.art import ART1, InputError, ParameterError
 
 
-def test_learning_keeps_what_patterns_share_and_sets_the_bottom_up_weights():
+def test_learning_keeps_what_patterns_share():
     network = ART1(rho=0.5, L=2.0)
     assert network.learn([[1, 1, 1, 0], [1, 1, 0, 0]]).tolist() == [0, 0]
     assert network.top_down.tolist() == [[1, 1, 0, 0]]
-    assert network.bottom_up == pytest.approx(np.array([[2 / 3, 2 / 3, 0, 0]]))
 
 
 def test_a_pattern_that_shares_nothing_gets_a_node_of_its_own_even_without_vigilance():

@@ -253,8 +253,8 @@ def test_where_nothing_else_is_in_view_the_table_is_looked_at_again_and_the_doub
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     assert step(context, world, PickState.ESTIMATING) is PickEvent.DOUBT
     assert world.before_disagreement is not None
-    assert [part.label for part in world.before_disagreement.itself] == ["cube"]
-    assert "cube" not in [part.label for part in world.before_disagreement.others]
+    assert [part.label for part in world.before_disagreement[1]] == ["cube"]
+    assert "cube" not in [part.label for part in world.before_disagreement[0]]
 
 
 def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():

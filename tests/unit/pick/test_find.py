@@ -18,7 +18,7 @@ from daemon.pick.outcome import PickResult, Skipped
 from daemon.pick.planning.plan import NoPlan
 from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
-from daemon.pick.world import BeforeDisagreement, SuspectError
+from daemon.pick.world import SuspectError
 from daemon.store.place_file import BIN
 from daemon.vision.values import FacetView
 from tests.fakes.fake_cell import ON_HAND, one_part, shape_of
@@ -75,7 +75,7 @@ def questioned(fake):
     """A pick that asks whether what it found lies where it lay."""
     context, world = begun(fake)
     brought_to(PickState.CHOOSE, context, world)
-    world.before_disagreement = BeforeDisagreement(list(world.found), [])
+    world.before_disagreement = list(world.found), []
     return context, world
 
 
@@ -90,7 +90,7 @@ def test_a_question_is_settled_by_parts_that_lie_where_they_lay():
 def test_a_question_that_no_other_part_answers_stops_the_pick():
     fake = one_part()
     context, world = questioned(fake)
-    world.before_disagreement = BeforeDisagreement([], [])
+    world.before_disagreement = [], []
     with pytest.raises(SuspectError, match="cannot tell which"):
         step(context, world, PickState.SURVEY)
 
@@ -99,7 +99,7 @@ def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
     """Looks disagree now and then by chance: that must not end a night's last pick."""
     fake = one_part()
     context, world = questioned(fake)
-    world.before_disagreement = BeforeDisagreement([], world.before_disagreement.others)
+    world.before_disagreement = [], world.before_disagreement[0]
     assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
     assert fake.said("decision")[-1]["text"] == "approach it again"
     assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
@@ -108,7 +108,7 @@ def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
 def test_a_part_alone_that_lies_elsewhere_tells_nothing_apart_from_a_knock():
     fake = one_part()
     context, world = questioned(fake)
-    world.before_disagreement = BeforeDisagreement([], world.before_disagreement.others)
+    world.before_disagreement = [], world.before_disagreement[0]
     fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="cannot tell which"):
         step(context, world, PickState.SURVEY)
