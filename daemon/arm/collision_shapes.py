@@ -38,11 +38,7 @@ class HandBody:
 
 
 def two_fingers(
-    opening_mm: float = 90.0,
-    width_mm: float = 15.0,
-    thick_mm: float = 8.0,
-    back_mm: float = 50.0,
-    tip_mm: float = 10.0,
+    opening_mm: float = 90.0, width_mm: float = 15.0, thick_mm: float = 8.0, back_mm: float = 50.0, tip_mm: float = 10.0
 ) -> HandBody:
     """Two open fingers that close along tool y, from back_mm behind the tool centre point to tip_mm before it."""
     half, off_axis = width_mm / 2, (opening_mm + thick_mm) / 2

@@ -92,11 +92,7 @@ class PauseAndStep:
         self._answer(False)
 
     async def wait(
-        self,
-        text: str,
-        recheck: Callable[[], Awaitable[object]] | None = None,
-        valid_s: float = inf,
-        ask: bool = False,
+        self, text: str, recheck: Callable[[], Awaitable[object]] | None = None, valid_s: float = inf, ask: bool = False
     ) -> None:
         """Wait until a pause ends, and in step mode (or with ask) until the operator confirms the move. After each wait
         `recheck` runs; then a pause that began meanwhile is waited for too. text: the move; valid_s: for how long from

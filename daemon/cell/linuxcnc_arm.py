@@ -18,15 +18,7 @@ import numpy as np
 from msgspec import Meta
 
 from daemon import frames
-from daemon.arm import (
-    Beliefs,
-    HeldBackError,
-    MotionPermission,
-    MoveCommand,
-    Reading,
-    StopRefusedError,
-    VoidingEvent,
-)
+from daemon.arm import Beliefs, HeldBackError, MotionPermission, MoveCommand, Reading, StopRefusedError, VoidingEvent
 from daemon.arrays import Array
 from daemon.cell.backends import WireListener
 from daemon.cell.no_arm import CellError

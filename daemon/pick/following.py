@@ -245,11 +245,7 @@ def _fit_where_expected(
 
 
 def expected_at(
-    label: str,
-    shape: Polyhedron,
-    world_from_part: Array,
-    confidence: float = 1.0,
-    estimate: Estimate | None = None,
+    label: str, shape: Polyhedron, world_from_part: Array, confidence: float = 1.0, estimate: Estimate | None = None
 ) -> Expected:
     """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name;
     estimate: of the looks so far."""

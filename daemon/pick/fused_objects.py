@@ -150,8 +150,8 @@ def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: P
 
 def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
     """Facets beyond the edges of a part's taught surface, and those connected to them: sides no taught view showed.
-    mine: the facets in its faces. At such an edge the next facet bends away from the part; if it is coplanar or the edge
-    is concave, another part begins."""
+    mine: the facets in its faces. At such an edge the next facet bends away from the part; if it is coplanar or the
+    edge is concave, another part begins."""
     ends = [shape.corners_mm[[a, b]] for (a, b), place in shape.edges.items() if place not in shape.across]
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
     beyond, new = set[int](), set[int]()

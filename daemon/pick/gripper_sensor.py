@@ -49,16 +49,16 @@ def contradiction(label: str, sensor: bool | None, shows: str, holds: bool) -> s
 
 
 def stop_if_contradicted(context: PickContext, text: str | None) -> None:
-    """Raise SensorDisagreesError for a contradiction. The content of the gripper is unknown from then on; the gripper is
-    not moved."""
+    """Raise SensorDisagreesError for a contradiction. The content of the gripper is unknown from then on; the gripper
+    is not moved."""
     if text is not None:
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=None)
         raise SensorDisagreesError(f"{text}: look into the gripper, type `holding yes` or `holding no`, then `resume`")
 
 
 async def gripper_pair(context: PickContext, target: Target | None) -> CapturedPair | None:
-    """Capture a pair that shows the gripper, at the arm's present position; None without a target, in a dry run, or where
-    the images do not become still (a conveyor below)."""
+    """Capture a pair that shows the gripper, at the arm's present position; None without a target, in a dry run, or
+    where the images do not become still (a conveyor below)."""
     cell, reading = context.cell, context.mover.belief.resting_reading
     if target is None or context.mover.dry:
         return None

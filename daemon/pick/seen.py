@@ -17,7 +17,8 @@ from daemon.vision.values import Facet, Part, Recognition
 SAME_PLACE_MM = 30.0
 """Objects nearer to each other than this, in two looks, are the same."""
 NEIGHBOUR_MM, RIM_PX = 100.0, 30.0
-"""How near an object must be to a part to obstruct the fingers; how far inside an image a part must be to be missing."""
+"""How near an object must be to a part to obstruct the fingers; how far inside an image a part must be to be
+missing."""
 
 
 def apart_mm(a: Array, b: Array) -> float:

@@ -75,10 +75,7 @@ class Settings:
         SurveyView(heading_deg=90.0),
     )
     """Places from which to look at the table, in order, until a part has a name."""
-    last_surveys: tuple[SurveyView, ...] = (
-        SurveyView(heading_deg=-90.0, tilt_deg=35.0),
-        SurveyView(tilt_deg=20.0),
-    )
+    last_surveys: tuple[SurveyView, ...] = (SurveyView(heading_deg=-90.0, tilt_deg=35.0), SurveyView(tilt_deg=20.0))
     """Further places to look from before the table counts as empty."""
     home: ToolPosition = ToolPosition((420.0, 0.0, 60.0), tilt_deg=20.0)
     """Position where the arm waits. With fixed cameras (cameras.mounting: world) all looks are taken from here."""

@@ -78,8 +78,8 @@ async def no_sensor() -> None:
 
 @dataclass(frozen=True, eq=False)
 class PickContext:
-    """Resources of a pick. cycle: its number; order: the parts still to pick, including this one; placing: the places of
-    parts; part_held: reads the gripper's sensor (None: it has none)."""
+    """Resources of a pick. cycle: its number; order: the parts still to pick, including this one; placing: the places
+    of parts; part_held: reads the gripper's sensor (None: it has none)."""
 
     cell: Workcell
     mover: Mover
@@ -98,8 +98,8 @@ class PickContext:
     async def look(
         self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None, back: bool = False
     ) -> Look:
-        """Take and log a look at the arm's present position, once the images are still. expected: see take_look; back: a
-        single camera moves left, not right, for its second image."""
+        """Take and log a look at the arm's present position, once the images are still. expected: see take_look; back:
+        a single camera moves left, not right, for its second image."""
         settings, cell = self.settings, self.cell
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
         taken = await capture_pair(cell, reading, rest_s, settings.settling)
@@ -111,8 +111,8 @@ class PickContext:
         return look
 
     async def _from_beside(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
-        """Move a single camera sideways and take the second image of its pair. Returns the time from which the arm is at
-        rest, and the pair. Raises RefusedError where the arm cannot move sideways."""
+        """Move a single camera sideways and take the second image of its pair. Returns the time from which the arm is
+        at rest, and the pair. Raises RefusedError where the arm cannot move sideways."""
         mover, settings, cell = self.mover, self.settings, self.cell
         if mover.dry:
             raise RefusedError(
@@ -140,8 +140,8 @@ class PickContext:
         )
 
     async def look_exposed(self, reading: Reading, purpose: str) -> Look:
-        """Take a look, and repeat it with another exposure while the exposure is wrong. Not for the looks of an approach:
-        these must not wait, and all need the same exposure."""
+        """Take a look, and repeat it with another exposure while the exposure is wrong. Not for the looks of an
+        approach: these must not wait, and all need the same exposure."""
         seen = await self.look(reading, purpose)
         for k in range(MOST_EXPOSURES):
             done = await adjust_exposure(self.cell, seen)
@@ -269,7 +269,8 @@ class WorldModel:
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
     def left(self, context: PickContext) -> list[ObservedPart]:
-        """Found parts that are or may be wanted, are not at an occupied place, and were not skipped; in picking order."""
+        """Found parts that are or may be wanted, are not at an occupied place, and were not skipped; in picking
+        order."""
         return [
             part
             for part in in_pick_order(self.found, context.settings.order)
@@ -314,8 +315,8 @@ def reraise_if_all_refused(error: MoveError) -> None:
 
 async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
     """Handle a refused move. Raise it if no move is permitted. If nobody confirmed it in time, look at the table again
-    (until give_up_reason ends that). If looks on the way have refined the target's pose, plan again, a limited number of
-    times; else skip the target."""
+    (until give_up_reason ends that). If looks on the way have refined the target's pose, plan again, a limited number
+    of times; else skip the target."""
     reraise_if_all_refused(error)
     target = world.the_target()
     if isinstance(error, MoveRefusedError) and error.refusal.rule == UNCONFIRMED:

@@ -242,11 +242,7 @@ class Link:
     # Moving
 
     async def move(
-        self,
-        location: Location,
-        timeout_s: float | None = None,
-        start: MoveStart | None = None,
-        straight: bool = False,
+        self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None, straight: bool = False
     ) -> None:
         """Start a move, joint-interpolated or straight; wait_until_at_rest() waits for its end. start: None where the
         speed and the arm's position do not matter.

@@ -466,13 +466,7 @@ def _legs(solid: Polyhedron, along: Array, mass: Array, gripper: TwoFingers) -> 
 
 
 def _placed(
-    rotation: Array,
-    tilt_deg: float,
-    middle: Array,
-    mass: Array,
-    sides: _Sides,
-    table_z_mm: float,
-    gripper: TwoFingers,
+    rotation: Array, tilt_deg: float, middle: Array, mass: Array, sides: _Sides, table_z_mm: float, gripper: TwoFingers
 ) -> FingerGrasp | None:
     """The grasp with this orientation: at this middle (3,) or as low as the tips allow, centred."""
     tips = np.array([[sx * gripper.finger_width_mm / 2, 0.0, gripper.tip_mm] for sx in (-1, 1)])

@@ -108,13 +108,7 @@ class SidePlan:
 
 
 def plan_from_side(
-    goal: Goal,
-    side: int,
-    lying_at: Array,
-    settings: Settings,
-    mounting: CameraMounting,
-    reach: Reach,
-    rig: StereoRig,
+    goal: Goal, side: int, lying_at: Array, settings: Settings, mounting: CameraMounting, reach: Reach, rig: StereoRig
 ) -> SidePlan:
     """Whether a part that lies on a side, from 0, can be brought to a place, and by what. lying_at: (3,) world mm, on
     the table. Raises ValueError where the taught corners span no solid."""

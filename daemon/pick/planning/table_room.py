@@ -57,8 +57,8 @@ def obstacles_of(corners: Sequence[Array]) -> Obstacles:
 
 
 def free_spots(obstacles: Obstacles, radius_mm: float, settings: Settings) -> list[Array]:
-    """Spots (2,) on the table where a part of this radius may be placed, those nearest to the surveyed point first: clear
-    of obstacles, keep-out boxes and the bin."""
+    """Spots (2,) on the table where a part of this radius may be placed, those nearest to the surveyed point first:
+    clear of obstacles, keep-out boxes and the bin."""
     middle = np.array(settings.surveys[0].centre_mm[:2])
     steps = np.arange(-SPOTS_OUT_MM, SPOTS_OUT_MM + 1.0, SPOT_MM)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
