@@ -277,7 +277,7 @@ class DecisionMade(CycleRecord, tag_field="kind", tag="decision"):
     text: Annotated[Text, meaning("in words")] = None
     why: Annotated[Text, meaning("in words")] = None
     label: Annotated[Text, meaning("the part it is about")] = None
-    grasps: Annotated[Count, meaning("how many grasps bring the part to where it goes, by the plan")] = None
+    grasps: Annotated[Count, meaning("number of grasps that the plan needs to bring the part to its goal")] = None
     slip_deg: Annotated[
         Number, meaning("of the chosen grasp: how far off perpendicular its contacts are", "degrees")
     ] = None
@@ -291,7 +291,7 @@ class LookGained(CycleRecord, tag_field="kind", tag="gained"):
     """How much one more look reduced the uncertainty."""
 
     look: Annotated[Count, meaning("number of the look at the table")] = None
-    about: Annotated[Text, meaning("the object that the look was for: where it is, as text")] = None
+    about: Annotated[Text, meaning("position of the object that the look was for, as text")] = None
     before: Annotated[Text, meaning("what it could be, before the look")] = None
     after: Annotated[Text, meaning("what it could be, after the look")] = None
     bits_before: Annotated[Number, meaning("uncertainty before", "bits")] = None
@@ -388,7 +388,7 @@ class TouchTest(EventRecord, tag_field="kind", tag="touch"):
 
     off_mm: Annotated[list[Finite] | None, meaning("along world x and y", "mm")] = None
     distance_mm: Annotated[Number, meaning("from the corner", "mm")] = None
-    corner: Annotated[list[Finite] | None, meaning("its estimated place", "mm")] = None
+    corner: Annotated[list[Finite] | None, meaning("its estimated position", "mm")] = None
 
 
 class TrueGrasp(CycleRecord, tag_field="kind", tag="truth"):
