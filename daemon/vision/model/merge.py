@@ -58,7 +58,7 @@ def merge_views(
                 break
         else:
             break
-    return MetricModel(_in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
+    return MetricModel(in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
 
 
 def corresponding_facets(view: Polyhedron, whole: Polyhedron, tolerance_mm: float) -> tuple[int, ...] | None:
@@ -166,7 +166,8 @@ def _spans(solid: Polyhedron) -> Array:
     return np.sort(np.linalg.norm(corners[rows] - corners[columns], axis=1))
 
 
-def _in_part_frame(solid: Polyhedron) -> Polyhedron:
+def in_part_frame(solid: Polyhedron) -> Polyhedron:
+    """A solid in the part frame (above)."""
     corners, part_from_look = solid.corners_mm, solid.flat_from_solid[0, :3, :3]
     return replace(
         solid,

@@ -17,7 +17,7 @@ from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model.aspect_sets import aspects
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import MetricModel, corresponding_facets, merge_views
+from daemon.vision.model.merge import MetricModel, corresponding_facets, in_part_frame, merge_views
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 from daemon.vision.settings import MemorySettings
 from daemon.vision.values import Group
@@ -124,7 +124,7 @@ def learn_solids(model: Model, drawn: Sequence[tuple[str, Polyhedron, str]]) -> 
     for label, solid, source in drawn:
         if not label or label == "unknown":
             raise TeachError(f"a part cannot be called {label!r}: choose another name")
-        shape = merge_views((solid,), model.library)
+        shape = MetricModel(in_part_frame(solid), (0,))
         shown = [one.facets for one in aspects(shape.solid)]
         if not shown and len(shape.solid.arcs) > 1:  # no facets that touch are a pattern: edges and rims tell it
             shown = [(facet,) for facet in range(len(shape.solid.facets))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
@@ -51,6 +52,16 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
         assert told.complete
         assert told.unseen == 0
         assert all(len(mistake.facets) == 1 for mistake in told.mistakes), "only a single facet is no proof"
+
+
+def test_a_drawing_whose_face_is_almost_a_square_is_taught_as_drawn() -> None:
+    """Made as regular as a square, a rectangle of 50 x 50.5 mm lost half of the difference, and a knob whose flat is
+    one the half turn onto itself."""
+    drawn_block = block(50.0, 50.5, 30.0)
+    assert "square" in drawn_block.types
+    taught = learn_solid(empty_model(LIBRARY), drawn_block, "block").metric["block"].solid
+    before, after = (np.linalg.norm(one.corners_mm[:, None] - one.corners_mm, axis=2) for one in (drawn_block, taught))
+    assert after == pytest.approx(before, abs=1e-6)
 
 
 def test_a_drawn_shape_stays_the_drawings_when_a_view_of_many_facets_makes_the_matrix_larger() -> None:
