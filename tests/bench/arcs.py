@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -23,12 +24,13 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.store.library import load_facets
+from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.facets import find_circles
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses.circles import rims_of
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
-from daemon.vision.model import empty_model, symmetries, types_of
+from daemon.vision.model import axis_of_revolution, empty_model, symmetries, types_of
 from tests.bench.machined import Look, on_table
 from tests.fakes.drawn import obj, prism
 from tests.fakes.holed import holed_block, rounded
@@ -87,20 +89,51 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _look_at(kind: str, seed: int, tally: Tally) -> None:
     """One part of a kind, seen alone."""
+    one = staged(kind, seed)
+    _measure_arcs(one.shown, one.solid, one.pose, tally)
+    for which, without in (("three sizes", ""), ("the other two", "1")):
+        model = taught_from({name: drawn for name, drawn in one.sizes.items() if name != without})
+        found = [part for part in look(one.shown.left, one.shown.right, one.shown.rig, model).parts if part.named]
+        outcome = "silent" if not found else "WRONG" if any(p.recognition.label != "1" for p in found) else "right"
+        if outcome == "right":
+            outcome = _measure_place(found[0].cyclopean_from_part, one.solid, one.pose, tally)
+        tally.names[which, outcome] += 1
+
+
+class Staged(NamedTuple):
+    """Drawings of a part in three sizes, the middle one "1"; a look at that, its solid as taught, and its pose (4, 4)
+    cyclopean_from_part."""
+
+    sizes: dict[str, Drawing]
+    shown: Look
+    solid: Polyhedron
+    pose: Array
+
+
+def staged(kind: str, seed: int) -> Staged:
+    """A part of a kind alone on the table."""
     rng = np.random.default_rng([*kind.encode(), seed])
     radius, long, high = rng.uniform(*RADIUS_MM), rng.uniform(20.0, 36.0), rng.uniform(14.0, 26.0)
     sizes = {f"{size:g}": drawing("one.obj", obj(*_mesh(kind, size * radius, long, high))) for size in SIZES}
     shown = on_table("1", sizes["1"], rng, AWAY_MM)
-    three, others = taught_from(sizes), taught_from({k: v for k, v in sizes.items() if k != "1"})
-    solid = three.metric["1"].solid
-    true = shown.pose @ drawing_from_taught(sizes["1"], solid)
-    _measure_arcs(shown, solid, true, tally)
-    for which, model in (("three sizes", three), ("the other two", others)):
-        found = [part for part in look(shown.left, shown.right, shown.rig, model).parts if part.named]
-        outcome = "silent" if not found else "WRONG" if any(p.recognition.label != "1" for p in found) else "right"
-        if outcome == "right":
-            outcome = _measure_place(found[0].cyclopean_from_part, solid, true, tally)
-        tally.names[which, outcome] += 1
+    solid = taught_from({"1": sizes["1"]}).metric["1"].solid
+    return Staged(sizes, shown, solid, shown.pose @ drawing_from_taught(sizes["1"], solid))
+
+
+def off_mm(pose: Array, solid: Polyhedron, true: Array) -> Array:
+    """(K,) how far the corners of a part at a pose (4, 4) are from where they are at the true one (4, 4), or at the one
+    of those that look the same which is nearest."""
+    same = symmetries(solid).motions
+    axis = axis_of_revolution(solid)
+    if axis is not None:
+        quarter = np.radians(np.arange(0, 90, 0.2))  # further turns lay chords on chords
+        turns = frames.rotations_from_vectors(np.outer(quarter, axis.direction))
+        about = frames.rigid(turns, axis.point_mm - turns @ axis.point_mm)
+        same = (about[:, None] @ same).reshape(-1, 4, 4)
+    ways = true @ same
+    there = solid.corners_mm @ ways[:, :3, :3].swapaxes(1, 2) + ways[:, None, :3, 3]
+    off = np.linalg.norm(frames.apply(pose, solid.corners_mm) - there, axis=2)
+    return np.asarray(off[off.max(1).argmin()])
 
 
 def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, list[tuple[int, ...]]]:
@@ -148,15 +181,13 @@ def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> 
 
 def _measure_place(pose: Array, solid: Polyhedron, true: Array, tally: Tally) -> str:
     """Whether a part is where it lies, and how far off its corners and the centres of its rims are."""
-    ways = [true @ turn for turn in symmetries(solid).motions]
-    corners = frames.apply(pose, solid.corners_mm)
-    off = [np.linalg.norm(corners - frames.apply(way, solid.corners_mm), axis=1) for way in ways]
-    best = int(np.argmin([one.max() for one in off]))
-    if off[best].max() > OFF_MM:
+    off = off_mm(pose, solid, true)
+    if off.max() > OFF_MM:
         return "misplaced"
-    tally.corners_mm.extend(off[best])
-    centres = np.stack([rim.centre_mm for rim in rims_of(solid)])
-    tally.centres_mm.extend(np.linalg.norm(frames.apply(pose, centres) - frames.apply(ways[best], centres), axis=1))
+    tally.corners_mm.extend(off)
+    centres = [frames.apply(at, np.stack([rim.centre_mm for rim in rims_of(solid)])) for at in (pose, true)]
+    apart = np.linalg.norm(centres[0][:, None] - centres[1], axis=2)
+    tally.centres_mm.extend(apart.min(1))
     return "right"
 
 

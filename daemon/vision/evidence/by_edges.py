@@ -19,7 +19,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.competing import LEAST_APART, lead_by_own_edges, lead_over_other_lengths, leaves_a_picture
 from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
-from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
+from daemon.vision.evidence.other_sizes import misfit_nats, other_radius_nats, other_size_nats
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import print_apart_px
 from daemon.vision.evidence.registered import (
@@ -94,7 +94,7 @@ ELSE_TURNED = 1 + 2 * np.cos(np.radians(30.0))
 """Trace of a turn by so much: farther than that a part lies another way, nearer it is a pose a little off."""
 MOST_WAYS = 3
 """Ways a part could lie otherwise that are held against the one that is likeliest."""
-MOST_TURNS = 3
+MOST_TURNS = 6
 """Turns of a round part about its axis that are registered, of those that are tried."""
 SURE_NATS = 8.0
 """By so many more than one hole can have, holes prove what a second facet would."""
@@ -285,9 +285,9 @@ def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
 
 
 def _best_turn_about_axis(one: RegisteredPart, search: Search) -> RegisteredPart:
-    """A round part in the turn about its axis for which its edges and holes speak most: its arcs are much the same in
-    all. It is no surer for having been turned. Of 16 knobs in fresh looks one lay 7 degrees and more off by nats,
-    and three by log odds, which prefer a turn that expects fewer edges."""
+    """A round part in the turn about its axis for which its edges and holes speak most, and in which its edges, once
+    measured, lie nearest to where they should be: its arcs are much the same in all. It is no surer for having been
+    turned."""
     turns = turns_about_axis(one.solid)
     if len(turns) == 1:
         return one
@@ -296,9 +296,16 @@ def _best_turn_about_axis(one: RegisteredPart, search: Search) -> RegisteredPart
     def nats(other: RegisteredPart) -> float:
         return BY_NATS * other.evidence.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
 
-    turned = register_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tested) for turn in turns])
-    likely = [EdgeHypothesis(own.label, own.pose, own.tested) for own in sorted(turned, key=nats)[-MOST_TURNS:]]
-    return max([one, *register_near(search, likely)], key=nats)
+    def measured_nats(other: RegisteredPart) -> float:
+        pose, edges = other.measured.fit.cyclopean_from_part, other.measured.edges
+        return nats(other) - BY_NATS * misfit_nats(other.solid, pose, edges, tolerance)
+
+    turned = list(register_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tested) for turn in turns]))
+    values = np.array([nats(own) for own in turned])
+    peaks = np.nonzero((values > np.roll(values, 1)) & (values >= np.roll(values, -1)))[0]
+    likely = [turned[k] for k in peaks[np.argsort(-values[peaks])][:MOST_TURNS]]
+    near = register_near(search, [EdgeHypothesis(own.label, own.pose, own.tested) for own in likely])
+    return max([one, *near], key=measured_nats)
 
 
 def _fits_better(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:

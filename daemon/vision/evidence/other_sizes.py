@@ -58,10 +58,26 @@ def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[Measured
 def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:
     """Log likelihood ratio, in nats, of another size along or across one direction of the part against the taught size,
     from edges that both cameras observed, at cyclopean_from_part (4, 4); 0 where none was measured."""
+    taught, other = _misfits(solid, pose, observed, tolerance_mm)
+    return float((taught - other).max())
+
+
+def misfit_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:
+    """How far from a part's edges, at cyclopean_from_part (4, 4), both cameras observed them, in nats; an edge that is
+    not there counts as one that is far off."""
+    missing = sum(np.count_nonzero(~seen.there & seen.edges.sharp) for seen in observed)
+    return float(_misfits(solid, pose, observed, tolerance_mm)[0].min() + missing * OUTLIER**2 / 2)
+
+
+def _misfits(
+    solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float
+) -> tuple[Array, Array]:
+    """(M,) nats by which observed edges miss those of the taught size, and of another, along each of the M ways of
+    _stretches; noughts where no edge was measured."""
+    stretches = _stretches(solid) @ pose[:3, :3].T
     lines = [seen for seen in observed if seen.sides is not None and len(seen.off)]
     if not lines:
-        return 0.0
-    stretches = _stretches(solid) @ pose[:3, :3].T
+        return np.zeros(len(stretches)), np.zeros(len(stretches))
     rows, off, doubts, use = [], [], [], []
     for seen in lines:
         edges = seen.edges
@@ -85,8 +101,7 @@ def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObser
     found = solve(np.concatenate([design, design]), far, used, held, passes=PASSES, grows=False, outlier=OUTLIER)
     misfit = (used * OUTLIER**2 * found.miss / (OUTLIER**2 + found.miss)).sum(1)
     misfit += (found.unknowns[:, None] @ held @ found.unknowns[..., None])[:, 0, 0]
-    taught, other = misfit[: len(stretches)], misfit[len(stretches) :]
-    return float((taught - other).max() / 2)
+    return misfit[: len(stretches)] / 2, misfit[len(stretches) :] / 2
 
 
 @lru_cache(maxsize=256)
