@@ -105,7 +105,7 @@ class SimulatedOperator:
         pose that looks the same and is nearest; None: there is no such part. poses: world_from_part (4, 4) that look
         the same, the first as the place says; of the part, in its frame: corners (N, 3); axis (3,): of a body of
         revolution, which may be turned about it."""
-        from drivers.simcell.witness import pose_error
+        from drivers.simcell.ground_truth import pose_error
 
         found = [
             min(

@@ -220,17 +220,17 @@ def _stereo(talk: CommissioningSession) -> str:
 
 def _hand_eye(talk: CommissioningSession) -> str:
     found = talk.hand_eye
-    if found is None or _doubtful(found):
+    if found is None or _is_doubtful(found):
         _go_to_board(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
     result = f"standard deviation {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
     result += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
-    if _doubtful(found):
+    if _is_doubtful(found):
         raise NotProvenError(f"{result}; the limit is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
     return result
 
 
-def _doubtful(found: dict[str, Any]) -> bool:
+def _is_doubtful(found: dict[str, Any]) -> bool:
     return bool(found["warning"] or found["sigma_mm"] > HAND_EYE_MM)
 
 

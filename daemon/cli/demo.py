@@ -292,12 +292,12 @@ def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo
         if not left:
             break
         _do(link, f"auto on {left}")
-        if _faulted(_follow_auto(_kept(records, seen))[0]):
+        if _faulted(_follow_auto(_stored_in(records, seen))[0]):
             break
     return demo_kit.kit_result(seen)
 
 
-def _kept(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
+def _stored_in(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
     """The records as they come; each is kept in a list."""
     for record in records:
         seen.append(record)

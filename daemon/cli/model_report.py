@@ -110,7 +110,7 @@ def confusable(model: Model) -> list[dict[str, str]]:
         for count in (len(seen.facets), 2):
             for some in combinations(range(len(seen.facets)), count):
                 part = seen.only(some)
-                for label, how in _taken_for(model, part).items() if part.seams else ():
+                for label, how in _confusable_labels(model, part).items() if part.seams else ():
                     if label != view.label and label not in reported:
                         reported.add(label)
                         found.append({"seen": view.label, "taken_for": label, "how": how})
@@ -118,7 +118,7 @@ def confusable(model: Model) -> list[dict[str, str]]:
     return list(unique.values())
 
 
-def _taken_for(model: Model, part: Polyhedron) -> dict[str, str]:
+def _confusable_labels(model: Model, part: Polyhedron) -> dict[str, str]:
     """Every part that is recalled from these types, and whether lengths and angles distinguish it."""
     ways = [
         (one.label, one.correspondence)

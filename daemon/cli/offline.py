@@ -132,8 +132,8 @@ def _train(args: argparse.Namespace) -> int:
     model = empty_model(load_facets(args.facets or FACETS))
     parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
     if args.views:
-        model = _taught_views(model, args.views, calibration)
-    model, refused = _taught_drawings(model, args.mesh, args.unit)
+        model = _with_views(model, args.views, calibration)
+    model, refused = _with_drawings(model, args.mesh, args.unit)
     if len(refused) == 1 and not model.labels:
         raise FacetdError(refused[0])
     for line in refused:
@@ -147,7 +147,7 @@ def _train(args: argparse.Namespace) -> int:
     return NOT_UNDERSTOOD if refused else DONE
 
 
-def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
+def _with_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises FacetdError."""
     from daemon.pick.grippers import TwoFingers
     from daemon.store.outside import read_file
@@ -158,7 +158,7 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
     from daemon.vision.model import TeachError, learn_solid
 
     refused = []
-    for label, file in [_drawing(word) for word in words]:
+    for label, file in [_label_and_path(word) for word in words]:
         name = spelt(str(file))
         try:
             drawing = read_drawing(*in_own_format(name, read_file(file, LARGEST_BYTES), unit), model.library)
@@ -175,14 +175,14 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
     return model, refused
 
 
-def _drawing(word: str) -> tuple[str, Path]:
+def _label_and_path(word: str) -> tuple[str, Path]:
     label, _, file = word.partition("=")
     if not label or not file:
         raise FacetdError(f"--mesh {spelt(word)}: expected LABEL=FILE, such as cube=cube.stl")
     return label, Path(file)
 
 
-def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
+def _with_views(model: Model, path: Path, calibration: Calibration) -> Model:
     from daemon.vision.image import VisionError
     from daemon.vision.model import TeachError
 
@@ -192,18 +192,18 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
         raise document.error((), "expected at least one view, found an empty list")
     for index, view in enumerate(views):
         try:
-            model = _taught(model, view, path.parent, calibration)
+            model = _with_view(model, view, path.parent, calibration)
         except (FileError, TeachError, VisionError) as error:
             raise FacetdError(str(document.error((index,), f"{view.label}: {error}"))) from None
     return model
 
 
-def _taught(model: Model, view: ListedView, base: Path, calibration: Calibration) -> Model:
+def _with_view(model: Model, view: ListedView, base: Path, calibration: Calibration) -> Model:
     from daemon.store.pictures import read_as_stored
     from daemon.vision.facets import find_facets
     from daemon.vision.model import TeachError, learn_view
 
-    left, right = (_found(base, name) for name in (view.left, view.right))
+    left, right = (_existing_path(base, name) for name in (view.left, view.right))
     seen = find_facets(read_as_stored(left), read_as_stored(right), calibration.rig)
     if not seen.groups:
         raise TeachError("no facet was found in both images")
@@ -213,7 +213,7 @@ def _taught(model: Model, view: ListedView, base: Path, calibration: Calibration
     return learn_view(model, largest, view.label, source=str(left))
 
 
-def _found(base: Path, name: str) -> Path:
+def _existing_path(base: Path, name: str) -> Path:
     """An image named in a list of views: relative to the list, or else to the working directory."""
     return base / name if (base / name).exists() else Path(name)
 

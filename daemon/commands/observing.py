@@ -18,7 +18,7 @@ from daemon.console.interpreter import RIGHTS, CommandResult, Frontend, command,
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import CommandError
-from daemon.maintenance.doctor import mend_of
+from daemon.maintenance.doctor import remedy_of
 from daemon.maintenance.journal import fault_line
 from daemon.pick.find import describe_parts
 from daemon.pick.looks import Look
@@ -105,7 +105,7 @@ def _cell_state(state: dict[str, Any]) -> str:
 def _to_do(state: dict[str, Any], fault: Fault | None) -> list[str]:
     """What to do before `resume`, and about the gripper."""
     lines = []
-    if fault is not None and (mend := mend_of(fault.cause)):
+    if fault is not None and (mend := remedy_of(fault.cause)):
         lines.append(f"to do     {mend}")
     if not state["doing"] and state["holding"] is None:
         lines.append("gripper   content unknown: report it by `holding yes` or `holding no`")

@@ -98,7 +98,7 @@ def _collect_cell(store: Store, source: RunSource, names: list[str], summary: Co
         taken = [
             one
             for name in fresh[begin : begin + AT_ONCE]
-            if (one := _taken(store, source, name, name != names[-1], ids, summary)) is not None
+            if (one := _collect_run(store, source, name, name != names[-1], ids, summary)) is not None
         ]
         add_rows(store, source.cell, [rows for _, rows in taken])
         for safe, _ in taken:
@@ -107,7 +107,7 @@ def _collect_cell(store: Store, source: RunSource, names: list[str], summary: Co
             summary.bytes += sum(size for size, _ in safe.files.values())
 
 
-def _taken(
+def _collect_run(
     store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], summary: CollectionSummary
 ) -> tuple[Collected, Rows] | None:
     """Copy a sound run; returns its manifest and rows. None: not finished, damaged, or a copy of one of `ids` (id ->
@@ -119,7 +119,7 @@ def _taken(
                 summary.waiting += 1
                 return None
             if problems := damages(folder, run):
-                _set_apart(store, source.cell, folder, problems)
+                _quarantine(store, source.cell, folder, problems)
                 summary.apart += 1
                 summary.warn(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
                 return None
@@ -144,7 +144,7 @@ def _put(store: Store, cell: str, folder: Path, run: RunRecords) -> Collected:
     return Collected(cell, folder.name, files[RUN][1], start.get("version"), files)
 
 
-def _set_apart(store: Store, cell: str, folder: Path, problems: list[str]) -> None:
+def _quarantine(store: Store, cell: str, folder: Path, problems: list[str]) -> None:
     for name in files_of(folder):
         store.put(folder, name, "apart", cell, folder.name, *name.split("/"))
     store.write("".join(f"{line}\n" for line in problems).encode(), "apart", cell, f"{folder.name}.txt")

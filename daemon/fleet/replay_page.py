@@ -38,7 +38,7 @@ def write_replay_page(
     data = {
         "title": "a replay",
         "total": total,
-        "with": [_called(name) for name in chosen] or ["today's release"],
+        "with": [_display_name(name) for name in chosen] or ["today's release"],
         "kinds": count_by_kind(found),
         "differences": rows,
         "more": max(len(found) - SHOWN, 0),
@@ -47,7 +47,7 @@ def write_replay_page(
     return out.path(REPORT)
 
 
-def _called(name: str) -> str:
+def _display_name(name: str) -> str:
     """A file's name; of one named by its hash, the first digits."""
     stem, _, suffix = Path(name).name.partition(".")
     return f"{stem[:8]}.{suffix}" if len(stem) == 64 else Path(name).name

@@ -85,15 +85,15 @@ def from_service(
         ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))
     if fault is not None:
-        mend = mend_of(fault.cause) or "Remove the cause, then `resume`"
+        mend = remedy_of(fault.cause) or "Remove the cause, then `resume`"
         findings.append(CheckResult("bad", "fault", fault.text, mend))
     for source, text in troubles.active.items():
-        mend = mend_of(troubles.causes.get(source, FaultCause(CauseCode.INTERNAL)))
+        mend = remedy_of(troubles.causes.get(source, FaultCause(CauseCode.INTERNAL)))
         findings.append(CheckResult("bad", source, text.removeprefix(f"{source}: "), mend))
     return findings
 
 
-def mend_of(cause: FaultCause) -> str:
+def remedy_of(cause: FaultCause) -> str:
     """The remedy for a fault or a trouble, from its cause; empty for an unknown cause or an operator's stop."""
     code = next(failure_causes.causes_of_record({"code": cause.code, "findings": cause.findings})).code
     return "" if code.stage == "operator" or code is CauseCode.INTERNAL else code.remedy

@@ -30,7 +30,7 @@ SOURCES = {"cameras": CauseCode.CAMERA_LOST, "controller": CauseCode.CONTROLLER_
 """The cause of a lost device where its error names none."""
 
 
-def asleep_s() -> float:
+def suspended_s() -> float:
     """Seconds that this computer was suspended since its start, which the monotonic clock leaves out."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
@@ -41,7 +41,7 @@ class Watchdog:
     def __init__(self, context: WatchedDaemon) -> None:
         self._context = context
         self._offset_s = time.time() - time.monotonic()
-        self._asleep_s = asleep_s()
+        self._asleep_s = suspended_s()
         self._ticked_s = time.monotonic()
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
@@ -212,7 +212,7 @@ class Watchdog:
     async def _check_sleep(self, halted_s: float) -> None:
         """Stop an enabled arm after a suspend, or after a halt of the daemon (control-Z, a paused virtual machine, a
         disk that swaps) for halted_s: otherwise it would continue an old motion, which nobody near the arm expects."""
-        now_s = asleep_s()
+        now_s = suspended_s()
         slept_s, self._asleep_s = now_s - self._asleep_s, now_s
         if slept_s > ASLEEP_S:
             text = f"the computer was suspended for {slept_s:.0f} s"

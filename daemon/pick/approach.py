@@ -11,9 +11,17 @@ from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
-from daemon.pick.following import NEAR_MM, Target, chi_squares_of_others, expected_at, fitted, other_parts, sighted
+from daemon.pick.following import (
+    NEAR_MM,
+    Target,
+    chi_squares_of_others,
+    expected_at,
+    fit_target,
+    other_parts,
+    sighting_of,
+)
 from daemon.pick.looks import whole_look
-from daemon.pick.planning import enough, next_stand_off, same_grasp, side_that_shows_turn
+from daemon.pick.planning import is_certain_enough, next_stand_off, same_grasp, side_that_shows_turn
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.transitions import PickEvent
@@ -59,9 +67,9 @@ async def looking(
     expected = expected_at(target.label, target.shape, target.world_from_part, target.confidence, target.estimate)
     seen = await look(context, world, "approach", expected)
     target.looked_before, target.look, target.looks = target.look, seen, target.looks + 1
-    fit = seen.tracked or await context.cell.compute(fitted, target, seen)
+    fit = seen.tracked or await context.cell.compute(fit_target, target, seen)
     if fit is not None:
-        target.sightings.append(sighted(seen, fit, context.cell.rig, context.settings.doubt))
+        target.sightings.append(sighting_of(seen, fit, context.cell.rig, context.settings.doubt))
         return PickEvent.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
@@ -117,13 +125,13 @@ async def estimating(
         chi2=chi,
     )
     free_axis = _free_axis(target)
-    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, free_axis):
+    if context.mover.dry or is_certain_enough(estimate, len(target.sightings), settings.stops, free_axis):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
         await _choose_side_view(context, target, free_axis)
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
-    if enough(estimate, len(target.sightings), settings.stops, VERTICAL):
+    if is_certain_enough(estimate, len(target.sightings), settings.stops, VERTICAL):
         why += f"; how it is turned about the vertical {_where_turn_is_hidden(context, target)}{_any_turn_hint(target)}"
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP

@@ -37,7 +37,7 @@ from daemon.pick.planning import (
 )
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
-from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_facet_of, same_place, unconfirmed
+from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_facet_of, missing_parts, same_place
 from daemon.pick.set_down import look_at_unseen
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
@@ -352,7 +352,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         return PickEvent.SEEN
     seen = await look(context, world, "another view")
     if part.named:
-        world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
+        world.ghosts += [p.centre for p in missing_parts(world.found, seen, part.centre)]
     await world.add_look(context, seen)
     if before:
         await record_gain(context, world, part, before, gain)

@@ -140,7 +140,7 @@ def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
     return np.asarray(same[np.arange(len(same)), least])
 
 
-def fitted(target: Target, look: Look) -> Fit | None:
+def fit_target(target: Target, look: Look) -> Fit | None:
     """The target's pose in a whole look, as named there or by the facets near it, whichever is surer of those that
     edges bear out, and then by its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
@@ -216,7 +216,9 @@ def fit_pair_in_any_turn(
     nats = [_nats_at(shape, stereo, fit.cyclopean_from_part) for fit in fits]
     undecided = [fit for fit, own in zip(fits, nats, strict=True) if own > max(nats) - UNDECIDED_NATS]
     best = fits[0] if fits[0] in undecided else fits[int(np.argmax(nats))]
-    apart = max((_apart(shape, fit, best) for fit in undecided), key=lambda motion: float(np.linalg.norm(motion[3:])))
+    apart = max(
+        (_least_motion(shape, fit, best) for fit in undecided), key=lambda motion: float(np.linalg.norm(motion[3:]))
+    )
     return replace(best, covariance=best.covariance + np.outer(apart, apart))
 
 
@@ -228,7 +230,7 @@ def _nats_at(shape: Polyhedron, stereo: StereoImages, pose: Array) -> float:
     return EdgeEvidence.of(samples).nats + hole_nats(shape, pose, stereo)
 
 
-def _apart(shape: Polyhedron, one: Fit, other: Fit) -> Array:
+def _least_motion(shape: Polyhedron, one: Fit, other: Fit) -> Array:
     """(6,) the least motion from the other pose to the one, or to one that looks the same."""
     poses = one.cyclopean_from_part @ symmetries(shape).motions
     motions = [frames.difference(pose, other.cyclopean_from_part) for pose in poses]
@@ -252,7 +254,7 @@ def expected_at(
     return Expected(label, confidence, shape, partial(_fit_where_expected, shape, world_from_part, estimate))
 
 
-def still_there(target: Target, look: Look) -> bool:
+def is_still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
     return _fit_where_expected(target.shape, target.world_from_part, None, look.taken) is not None
 
@@ -274,7 +276,7 @@ def mount_of(cell: Workcell) -> CameraMount:
 def shows_in_gripper(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
-    near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, cameras_on_the_gripper(taken, mount)
+    near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, images_of_gripper(taken, mount)
     return any(
         clear_edge_fraction(target.shape, stereo, near, mm) >= SHARE_IF_HELD for mm in _search_reaches_mm(target, doubt)
     )
@@ -284,7 +286,7 @@ def shows_release(target: Target, before: CapturedPair, after: CapturedPair, mou
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
-    stereo = cameras_on_the_gripper(before, mount), cameras_on_the_gripper(after, mount)
+    stereo = images_of_gripper(before, mount), images_of_gripper(after, mount)
     return any(
         vanished_edge_fraction(target.shape, *stereo, near, mm) >= SHARE_IF_RELEASED
         for mm in _search_reaches_mm(target, doubt)
@@ -367,10 +369,10 @@ def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array,
 def _held_reach_mm(shape: Polyhedron, held: HeldPart, doubt: Doubt) -> float:
     """How far a corner may show from where a part was grasped, mm: by the errors of the grasp and of the hand-eye."""
     hand_eye = frames.lever_covariance(held.tool_from_part, doubt.shared()[:6, :6], np.eye(4))
-    return farthest_mm(shape, held.tool_from_part, held.covariance + hand_eye)
+    return largest_deviation_mm(shape, held.tool_from_part, held.covariance + hand_eye)
 
 
-def farthest_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> float:
+def largest_deviation_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> float:
     """How far a corner may be from where a pose has it that errs by a covariance (6, 6) in b, as long as its chi-square
     is at most CHI_SQUARE_6."""
     motion = frames.point_motion(shape.corners_mm @ b_from_part[:3, :3].T)
@@ -378,13 +380,13 @@ def farthest_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> flo
     return float(np.sqrt(pose_fusion.CHI_SQUARE_6 * largest))
 
 
-def came_back_empty(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -> bool:
+def shows_empty_gripper(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -> bool:
     """Whether a pair shows that the gripper took hold of nothing. Where the cameras do not have it in view, a part
     hides it, or it looks the same with a part as without, it does not."""
     empty = gripper.empty
     if empty is None:
         return False
-    stereo, near = cameras_on_the_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
+    stereo, near = images_of_gripper(taken, mount), _cyclopean_from_tool(taken, mount)
     return outline_coverage(empty, stereo, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
@@ -392,7 +394,7 @@ def _cyclopean_from_tool(taken: CapturedPair, mount: CameraMount) -> Array:
     return frames.inverse(mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool))
 
 
-def cameras_on_the_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
+def images_of_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
     stereo = taken.stereo
@@ -402,9 +404,9 @@ def cameras_on_the_gripper(taken: CapturedPair, mount: CameraMount) -> StereoIma
     return replace(stereo, left=left, right=right)
 
 
-def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
+def sighting_of(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
     """A fit in a look, brought to the world with its errors."""
-    return _sighted(
+    return _sighting(
         (fit.cyclopean_from_part, fit.covariance),
         (look.reading.world_from_tool, look.world_from_cyclopean, look.taken.pivot),
         rig,
@@ -419,10 +421,10 @@ def least_error(mount: CameraMount, distance_mm: float, doubt: Doubt) -> Estimat
     seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, distance_mm])), EXACT * np.eye(6)
     pivot = mount.mounting.pivot if isinstance(mount.mounting, InWorld) else None
     there = np.eye(4), mount.mounting.world_from_cyclopean_at(np.eye(4)), pivot
-    return pose_fusion.fuse([_sighted(seen, there, mount.rig, doubt, mount.alone is None)], doubt)
+    return pose_fusion.fuse([_sighting(seen, there, mount.rig, doubt, mount.alone is None)], doubt)
 
 
-def _sighted(
+def _sighting(
     seen: tuple[Array, Array], there: tuple[Array, Array, Array | None], rig: StereoRig, doubt: Doubt, one_moment: bool
 ) -> Sighting:
     """seen: cyclopean_from_part and its covariance; there: world_from_tool, world_from_cyclopean and the pivot of fixed
@@ -463,6 +465,6 @@ def chi_squares_of_others(
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
         second = fit_to_facets(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
-            pair = sighted(old.look, first, rig, doubt), sighted(near[0].look, second, rig, doubt)
+            pair = sighting_of(old.look, first, rig, doubt), sighting_of(near[0].look, second, rig, doubt)
             found.append(pose_fusion.disagreement(*pair, doubt))
     return found

@@ -19,18 +19,18 @@ from daemon.vision.facets import FusedLooks, LookFacets, connected, fuse, group_
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
 
-ONE_MM = 15.0
+SAME_PART_MM = 15.0
 """Named parts whose centres are this near are the same part."""
 ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
 """A facet this near and this parallel to a face of a named part belongs to that part."""
 EDGE_MM = 6.0
 """An edge whose ends are this near to those of a part's edge is that edge."""
-MOST = 0.5
+OWN_SHARE = 0.5
 """A facet with a larger share of its area in a face belongs to that face."""
 MOST_FUSED = 5
 """Maximum number of fused looks: the time grows with the square of the number, and five sides
 show all that can be seen."""
-OF_NAMED = 0.1
+NAMED_WEIGHT = 0.1
 """Weight of a named part in the choice of looks, relative to an unnamed one."""
 CELLS = 12
 """Grid points per axis at which polygons are compared."""
@@ -42,7 +42,7 @@ def fuse_objects(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt
     """All objects that the looks show, which are in order of time: named parts as the newest look that named them has
     them; unnamed ones from all looks together, in the newest look's frame."""
     every = [part for look in looks for part in seen_parts(look)]
-    named = _agreed([part for part in every if part.named], recogniser)
+    named = _latest_of_each([part for part in every if part.named], recogniser)
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
     try:
@@ -52,11 +52,14 @@ def fuse_objects(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt
     if fused is None:
         return [*named, *(part for part in seen_parts(looks[-1]) if not part.named)]
     newest = looks[-1]
-    for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
+    for piece in _candidate_groups(fused, _unexplained(fused, named, recogniser)):
         named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]
-    named = parts_not_overlapping(fused, _agreed(named, recogniser), recogniser)
+    named = parts_not_overlapping(fused, _latest_of_each(named, recogniser), recogniser)
     left = _unexplained(fused, named, recogniser)
-    return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
+    return [
+        *named,
+        *(part for piece in _connected_groups(fused, left) for part in _recognised(fused, piece, newest, recogniser)),
+    ]
 
 
 def most_informative(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
@@ -67,7 +70,7 @@ def most_informative(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look
     centres = np.array([part.centre for _, part in parts]).reshape(-1, 3)
     rays = np.array([part.look.world_from_cyclopean[:3, 3] for _, part in parts]).reshape(-1, 3) - centres
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    weight = np.array([OF_NAMED if part.named else 1.0 for _, part in parts])
+    weight = np.array([NAMED_WEIGHT if part.named else 1.0 for _, part in parts])
     one = np.linalg.norm(centres[:, None] - centres, axis=2) < SAME_PLACE_MM
     alike = np.where(one, rays @ rays.T, -1.0)  # cosines of the rays to one place; other places are as the other side
     chosen, nearest = list[int](), np.full(len(parts), -1.0)
@@ -91,10 +94,10 @@ def _whole_look_facets(look: Look, doubt: Doubt) -> LookFacets:
     return look_facets(look, [merge_vertices(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
-def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
+def _latest_of_each(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
     """Each named part once, from the newest look that shows it, without parts to which looks gave different names."""
     middles = np.array([_middle(part, recogniser) for part in named]).reshape(-1, 3)
-    near = np.linalg.norm(middles[:, None] - middles, axis=2) < ONE_MM
+    near = np.linalg.norm(middles[:, None] - middles, axis=2) < SAME_PART_MM
     out = set[int]()
     for i, j in np.argwhere(np.triu(near, 1)).tolist():
         out |= {i} if named[i].label == named[j].label else {i, j}
@@ -109,7 +112,7 @@ def parts_not_overlapping(
     seen = fused.polyhedron
     area_mm2 = np.linalg.norm(seen.areas_mm2, axis=1)
     shares = np.array([_shares(seen, part, recogniser) for part in named]).reshape(len(named), len(seen.facets))
-    theirs, whole_mm2 = (shares > MOST).astype(float), shares @ area_mm2
+    theirs, whole_mm2 = (shares > OWN_SHARE).astype(float), shares @ area_mm2
     out = set[int]()
     for i, j in np.argwhere(np.triu(theirs @ theirs.T > 0.0, 1)).tolist():
         less = i if whole_mm2[i] < whole_mm2[j] else j
@@ -144,8 +147,10 @@ def _unexplained(fused: FusedLooks, named: Sequence[ObservedPart], recogniser: P
         if shape is not None:
             shares = _shares(seen, part, recogniser)
             explained += shares
-            theirs |= untaught_facets(seen, set(np.flatnonzero(shares > MOST).tolist()), shape, part.world_from_part)
-    return sorted(set(np.flatnonzero(explained <= MOST).tolist()) - theirs)
+            theirs |= untaught_facets(
+                seen, set(np.flatnonzero(shares > OWN_SHARE).tolist()), shape, part.world_from_part
+            )
+    return sorted(set(np.flatnonzero(explained <= OWN_SHARE).tolist()) - theirs)
 
 
 def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
@@ -173,10 +178,10 @@ def untaught_facets(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_f
 def _bends_away(seen: Polyhedron, facet: int, other: int) -> bool:
     """Whether two adjacent facets meet at a convex edge."""
     turned = float(seen.normals[facet] @ seen.normals[other]) < np.cos(ON_FACE_RAD)
-    return turned and max(_before_mm(seen, facet, other)) < 0.0
+    return turned and max(_plane_distances_mm(seen, facet, other)) < 0.0
 
 
-def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
+def _plane_distances_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
     """Signed distances of the centres of two facets from each other's planes, mm."""
     apart = seen.centres_mm[other] - seen.centres_mm[one]
     return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
@@ -205,16 +210,16 @@ def _share_in(ring: Array, outline: Array) -> float:
     return float(inside(points, outline[None])[0].mean()) if len(points) else 0.0
 
 
-def _whole(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
+def _connected_groups(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     """Split facets into connected groups."""
     return [[facets[k] for k in group] for group in fused.only(facets).connected_facets()] if facets else []
 
 
-def _pieces(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
+def _candidate_groups(fused: FusedLooks, facets: list[int]) -> list[list[int]]:
     """Groups of facets that may be one part: connected ones; their parts between concave edges; and of each the facets
     whose corners two looks confirmed."""
     found = list[list[int]]()
-    for group in _whole(fused, facets):
+    for group in _connected_groups(fused, facets):
         for piece in (group, *convex_groups(fused.polyhedron, group)):
             sure = [k for k in piece if fused.confirmed[k]]
             found += [piece, *([sure] if sure else [])]
@@ -225,7 +230,7 @@ def convex_groups(seen: Polyhedron, group: list[int]) -> list[list[int]]:
     """Split a connected group of facets at its concave edges."""
     touch = seen.touching[np.ix_(group, group)].copy()
     for a, b in np.argwhere(touch).tolist():
-        touch[a, b] = min(_before_mm(seen, group[a], group[b])) < HOLLOW_MM
+        touch[a, b] = min(_plane_distances_mm(seen, group[a], group[b])) < HOLLOW_MM
     return [[group[k] for k in piece] for piece in connected(touch)]
 
 

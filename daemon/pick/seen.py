@@ -103,7 +103,7 @@ def is_facet_of(other: ObservedPart, part: ObservedPart) -> bool:
     return other.lone and same_place(other.centre, part.centre, reach)
 
 
-def seen_again(seen: Sequence[Facing], viewpoint: Array) -> float:
+def visible_share(seen: Sequence[Facing], viewpoint: Array) -> float:
     """How well the facets separated before would show from the viewpoint (3,), world: 0 to 1, their mean."""
     if not seen:
         return 0.0
@@ -133,7 +133,7 @@ def count_seen_again(before: Look, now: Look) -> tuple[int, int]:
     return again, len(due) - again
 
 
-def unconfirmed(before: Sequence[ObservedPart], look: Look, around: Array) -> list[ObservedPart]:
+def missing_parts(before: Sequence[ObservedPart], look: Look, around: Array) -> list[ObservedPart]:
     """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
     show again."""
     now = seen_parts(look)

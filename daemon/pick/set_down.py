@@ -31,7 +31,7 @@ from daemon.pick.following import (
     mount_of,
     predicted_error,
     shows_in_gripper,
-    sighted,
+    sighting_of,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted
 from daemon.pick.looks import CapturedPair, Look
@@ -248,7 +248,7 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
         seen = await look(context, world, f"find {label}", expected)
         viewpoints.append(seen.world_from_cyclopean[:3, 3])
         if seen.tracked is not None:
-            sightings.append(sighted(seen, seen.tracked, context.cell.rig, context.settings.doubt))
+            sightings.append(sighting_of(seen, seen.tracked, context.cell.rig, context.settings.doubt))
     if not sightings and not context.mover.dry:
         raise RefusedError(f"the edges of the {label} do not show clearly: improve the light, or turn it")
     return fuse(sightings, context.settings.doubt).world_from_part if sightings else pose
@@ -335,7 +335,7 @@ async def _judge(
         viewpoints.append(seen.world_from_cyclopean[:3, 3])
         fit = seen.tracked or named_at(goal, seen)
         if fit is not None:
-            sightings.append(sighted(seen, fit, rig, doubt))
+            sightings.append(sighting_of(seen, fit, rig, doubt))
         found = combined_pose(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
         if found.sure or len(viewpoints) == MOST_LOOKS:
             break

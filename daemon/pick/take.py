@@ -13,12 +13,12 @@ from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick.following import (
     CameraMount,
     Target,
-    came_back_empty,
     grasped_part,
+    is_still_there,
     mount_of,
+    shows_empty_gripper,
     shows_in_gripper,
     shows_release,
-    still_there,
 )
 from daemon.pick.gripper_sensor import contradiction, gripper_pair, read_sensor, stop_if_contradicted, wait_for_hold
 from daemon.pick.looks import CapturedPair, Look
@@ -141,11 +141,11 @@ def _judged(
     hand = seen.reading.world_from_tool[:3, 3]
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
-    if left or still_there(target, seen):
+    if left or is_still_there(target, seen):
         return "still lies there", DecisionCode.STILL_THERE
     if knocked_away(found, target, on_table):
         return "was knocked away", DecisionCode.KNOCKED_AWAY
-    if came_back_empty(seen.taken, mount, settings.gripper):
+    if shows_empty_gripper(seen.taken, mount, settings.gripper):
         return "is gone from where it lay, and the gripper is empty", DecisionCode.CAME_BACK_EMPTY
     return "is gone from where it lay", None
 
@@ -212,7 +212,7 @@ def _shown_in_gripper(
         opened = InGripper.PART
     if before is not None and after is not None and shows_release(target, before, after, mount, settings.doubt):
         above = InGripper.PART
-    elif before is not None and came_back_empty(before, mount, settings.gripper):
+    elif before is not None and shows_empty_gripper(before, mount, settings.gripper):
         above = InGripper.EMPTY
     return above, opened
 

@@ -29,7 +29,7 @@ from daemon.events.outcomes import Outcome
 from daemon.events.pick_order import PickOrder
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
-from daemon.pick.fused_objects import ONE_MM, fuse_objects
+from daemon.pick.fused_objects import SAME_PART_MM, fuse_objects
 from daemon.pick.looks import (
     CapturedPair,
     Expected,
@@ -104,13 +104,13 @@ class PickContext:
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
         taken = await capture_pair(cell, reading, rest_s, settings.settling)
         if cell.alone is not None:
-            rest_s, taken = await self._from_beside(taken, expected is not None, back)
+            rest_s, taken = await self._capture_moved_pair(taken, expected is not None, back)
         look = await take_look(cell, self.recogniser, taken, rest_s, table_z_mm, expected)
         log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
         notify(self.observer, look)
         return look
 
-    async def _from_beside(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
+    async def _capture_moved_pair(self, first: CapturedPair, known: bool, back: bool) -> tuple[float, CapturedPair]:
         """Move a single camera sideways and take the second image of its pair. Returns the time from which the arm is
         at rest, and the pair. Raises RefusedError where the arm cannot move sideways."""
         mover, settings, cell = self.mover, self.settings, self.cell
@@ -244,7 +244,9 @@ class WorldModel:
         found = await context.cell.compute(fuse_objects, [*self.looks], context.recogniser, context.settings.doubt)
         boxes = context.settings.limits.keep_out
         found = [p for p in found if p.named or not lie_at_boxes(p.corners, boxes, AT_BOX_MM)]
-        self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
+        self.found = [
+            p for p in found if not (p.lone and any(same_place(p.centre, g, SAME_PART_MM) for g in self.ghosts))
+        ]
 
     def give_up_reason(self, context: PickContext) -> str | None:
         """The reason as text if the pick has used more looks or time than any pick needs, else None."""

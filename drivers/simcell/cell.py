@@ -24,6 +24,7 @@ from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Machine, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
+from drivers.simcell.ground_truth import GroundTruth
 from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
@@ -33,7 +34,6 @@ from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import GripperKind, load_truth, rigid_matrix
 from drivers.simcell.verdict import VerdictFile
-from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
 
 PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
@@ -133,7 +133,7 @@ class SimulatedCell:
         """Whether the vacuum switch works, or is stuck on or off."""
         self.valve = "works" if cup is None else cup.valve
         """Whether the vacuum's valve works, or sticks where it is on, or off."""
-        self._sucks = False
+        self._valve_open = False
         """Whether the valve that the outputs operate is open."""
         self._closed_by_a_hand = False
         self._hold_checked_s, self._hold_read = 0.0, 0
@@ -156,9 +156,9 @@ class SimulatedCell:
         self._verdict = None
         if verdict is not None:
             self._verdict = VerdictFile(
-                verdict, self.motion_monitor, self._machine.history, self.server.now_s, self._real_s
+                verdict, self.motion_monitor, self._machine.history, self.server.now_s, self._to_clock_s
             )
-        self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
+        self.truth = GroundTruth(self._settings, self.world, self._machine, self.world_from_tool)
 
     def _body(self) -> ArmSpheres:
         """The body of the arm and of its mounted gripper."""
@@ -283,7 +283,7 @@ class SimulatedCell:
             self._prints[part.name] = printed_faces(part.shape.hull, self._settings.lighting.facet_albedo, rng)
         return self._prints[part.name]
 
-    def _real_s(self, moment_s: float) -> float:
+    def _to_clock_s(self, moment_s: float) -> float:
         """A moment of the controller's time on the cameras' clock."""
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
@@ -339,21 +339,21 @@ class SimulatedCell:
         if cup is None or cup.vacuum_output is None:
             return
         on = cup.vacuum_output in machine.outputs
-        on = (self._sucks and self.valve == "stuck on") or (on and self.valve != "stuck off")
+        on = (self._valve_open and self.valve == "stuck on") or (on and self.valve != "stuck off")
         blown = cup.blow_off_output is None or cup.blow_off_output in machine.outputs
-        if on is self._sucks or not (on or blown):
+        if on is self._valve_open or not (on or blown):
             return
-        self._sucks = on
+        self._valve_open = on
         machine.history.add(GripperRecord(machine.now_s, machine.by, machine.received_s, on, machine.by_others))
-        self._work(on)
+        self._operate_gripper(on)
 
     def _on_gripper(self, closed: bool) -> None:
         """Operate the controller's gripper valves; they have no effect on a cup whose valve is at outputs."""
         cup = self._settings.suction
         if cup is None or cup.vacuum_output is None:
-            self._work(closed)
+            self._operate_gripper(closed)
 
-    def _work(self, closed: bool) -> None:
+    def _operate_gripper(self, closed: bool) -> None:
         now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
         self._watch_hold(now_s)

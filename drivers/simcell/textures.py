@@ -81,12 +81,10 @@ def _turned(rng: np.random.Generator, size: int, texel_mm: float) -> tuple[Array
 
 def printed_faces(solid: ConvexSolid, albedo: float, rng: np.random.Generator) -> tuple[Pattern, ...]:
     """Prints for most faces of a solid of one albedo."""
-    return tuple(
-        _print_on(solid, face, albedo, rng) for face in range(len(solid.faces)) if rng.random() < PRINTED_SHARE
-    )
+    return tuple(_printed(solid, face, albedo, rng) for face in range(len(solid.faces)) if rng.random() < PRINTED_SHARE)
 
 
-def _print_on(solid: ConvexSolid, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
+def _printed(solid: ConvexSolid, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
     """A print that covers one face, with rows along its first side."""
     ring: Array = solid.vertices[list(solid.faces[face])]
     x = (ring[1] - ring[0]) / np.linalg.norm(ring[1] - ring[0])

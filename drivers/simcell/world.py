@@ -142,7 +142,7 @@ class World:
         spots = next(spots for spots in tries if spots is not None)
         for label, (x, y) in zip(labels, spots, strict=True):
             shape = self.shape(label)
-            rests = steadiest(shape) if steady else range(len(shape.rests))
+            rests = lowest_rests(shape) if steady else range(len(shape.rests))
             rest = rests[int(rng.integers(len(rests)))]
             self.stand(label, rest, x, y, rng.uniform(-np.pi, np.pi))
 
@@ -173,7 +173,7 @@ class World:
         with self._lock:
             self._record_strikes([*path, world_from_tool])
             if self._truth.suction is not None:
-                self._suck(world_from_tool, self._truth.suction)
+                self._operate_cup(world_from_tool, self._truth.suction)
                 return
             tool_from_world = inverse(world_from_tool)
             near = [
@@ -224,7 +224,7 @@ class World:
             self._held = self.held
             self._on_held(self._held)
 
-    def _suck(self, world_from_tool: Array, cup: SuctionTruth) -> None:
+    def _operate_cup(self, world_from_tool: Array, cup: SuctionTruth) -> None:
         if self.held:
             return
         tool_from_world = inverse(world_from_tool)
@@ -265,10 +265,10 @@ class World:
             landed[2, 3] -= FLOOR_BELOW_TABLE_MM
         self._set(replace(part, where=where, pose=landed))
         if where is PartPlace.TABLE:
-            self._push_clear(part.name)
+            self._push_apart(part.name)
         return part.label, float(apply(pose, part.shape.hull.vertices)[:, 2].min()) - table.height_mm, where
 
-    def _push_clear(self, name: str) -> None:
+    def _push_apart(self, name: str) -> None:
         """Move a part that fell on others away from the nearest until it is free."""
         for _ in range(100):
             part = self._parts[name]
@@ -331,7 +331,7 @@ def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
     return rigid(turn([0, 0, 1], heading), [x, y, height_mm]) @ rest
 
 
-def steadiest(shape: PartShape) -> list[int]:
+def lowest_rests(shape: PartShape) -> list[int]:
     """The numbers of the stable poses that leave the centre of mass lowest."""
     heights = [float(apply(rest, shape.centre_of_mass)[2]) for rest in shape.rests]
     return [k for k, height_mm in enumerate(heights) if height_mm < min(heights) + EQUAL_MM]

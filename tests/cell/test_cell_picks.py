@@ -144,7 +144,7 @@ def test_a_part_lost_on_the_way_to_the_bin_is_released_and_not_picked(model, jaw
 def test_looks_that_deny_a_part_that_is_held_let_it_fall_nowhere_but_into_the_bin(model, monkeypatch):
     """The weave of a dark table was taken for the edges of a prism that hung from the hand, and the hand opened."""
     monkeypatch.setattr(take, "shows_in_gripper", lambda *_: False)
-    monkeypatch.setattr(take, "still_there", lambda *_: True)
+    monkeypatch.setattr(take, "is_still_there", lambda *_: True)
 
     async def story():
         async with rig(seed=4, model=model) as here:

@@ -15,7 +15,7 @@ from daemon.arrays import Array
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.planning.place_goals import UPSIDE_DOWN, Goal, goal_of, ways_to
 from daemon.pick.planning.plan import approach_poses, stable_sides
-from daemon.pick.planning.regrasp import resting
+from daemon.pick.planning.regrasp import resting_poses
 from daemon.pick.settings import Settings
 from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.store.place_status import PlaceState
@@ -88,7 +88,7 @@ def pairs_by_brute_force(
     assert gripper is not None
     table_z_mm, goals = settings.limits.table_z_mm, [goal_on(label, shape, side) for side in sides]
     starts, between = [start_on(shape, side) for side in sides], list[Array]()
-    for face in resting(shape):
+    for face in resting_poses(shape):
         for _ in range(samples):
             out_mm, way, turn = rng.uniform(0.0, 160.0), rng.uniform(0.0, 2 * np.pi), rng.uniform(-180.0, 180.0)
             spot = np.array([START[0] + out_mm * np.cos(way), START[1] + out_mm * np.sin(way), table_z_mm])

@@ -197,8 +197,8 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             return [], f"room for a lip of {most_mm:.1f} mm radius, {needed_mm:.1f} are needed"
         axes, normal = axes_on(shape, facet), shape.normals[facet]
         flat = (points[fits] - points[0]) @ axes.T
-        for high in _above_facet(shape, facet, points[0], axes, self.cup_length_mm):
-            under_palm = inside(flat, high[None])[0] | (_from_sides(flat, high) < PALM_MM)
+        for high in _outlines_above_facet(shape, facet, points[0], axes, self.cup_length_mm):
+            under_palm = inside(flat, high[None])[0] | (_distance_from_sides(flat, high) < PALM_MM)
             fits[np.flatnonzero(fits)[under_palm]] = False
             flat = flat[~under_palm]
         if not fits.any():
@@ -300,26 +300,26 @@ def clearances_on(shape: Polyhedron, facet: int) -> tuple[Array, Array]:
     pitch = max(PITCH_MM, float(np.sqrt(np.prod(high - low) / MOST_POINTS)))
     x, y = np.meshgrid(*(np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True)))
     flat = np.column_stack([x.ravel(), y.ravel()])
-    above = _above_facet(shape, facet, origin, axes, RISES_MM)
+    above = _outlines_above_facet(shape, facet, origin, axes, RISES_MM)
     on = inside(flat, ring[None])[0]
     for other in (*holes, *above):
         on &= ~inside(flat, other[None])[0]
     flat = flat[on]
     rooms = np.full(len(flat), np.inf)
     for each in (ring, *holes, *above):
-        rooms = np.minimum(rooms, _from_sides(flat, each))
+        rooms = np.minimum(rooms, _distance_from_sides(flat, each))
     return origin + flat @ axes, rooms
 
 
-def _above_facet(shape: Polyhedron, facet: int, origin: Array, axes: Array, over_mm: float) -> list[Array]:
+def _outlines_above_facet(shape: Polyhedron, facet: int, origin: Array, axes: Array, over_mm: float) -> list[Array]:
     """(K, 2) each: what of the part's other faces is higher than over_mm above a facet's plane, along its axes from a
     point (3,) of it."""
     others = [shape.corners_mm[r] for k, r in enumerate(shape.rings) if k != facet] + list(shape.covers)
-    cuts = (_above(each - origin, axes, shape.normals[facet], over_mm) for each in others)
+    cuts = (_clipped_above(each - origin, axes, shape.normals[facet], over_mm) for each in others)
     return [cut for cut in cuts if cut is not None]
 
 
-def _above(corners: Array, axes: Array, normal: Array, over_mm: float) -> Array | None:
+def _clipped_above(corners: Array, axes: Array, normal: Array, over_mm: float) -> Array | None:
     """(K, 2) what of a polygon (N, 3) is higher than over_mm above a plane through the origin, seen along the plane's
     normal; None: nothing."""
     heights = corners @ normal - over_mm
@@ -334,6 +334,6 @@ def _above(corners: Array, axes: Array, normal: Array, over_mm: float) -> Array 
     return np.array(kept) @ axes.T
 
 
-def _from_sides(points: Array, ring: Array) -> Array:
+def _distance_from_sides(points: Array, ring: Array) -> Array:
     """(P,) how far points (P, 2) are from the nearest side of a ring (K, 2)."""
     return np.asarray(off_segments(points[:, None], ring, np.roll(ring, -1, axis=0)).min(axis=1))

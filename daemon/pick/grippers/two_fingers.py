@@ -320,7 +320,7 @@ class _FingerLines(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def _base(gripper: TwoFingers) -> Array:
+def _line_grid(gripper: TwoFingers) -> Array:
     """(L, 2) x and z of the lines, some of them just as deep as what a finger rests on must reach."""
     half = gripper.finger_width_mm / 2
     rows = np.union1d(np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31), gripper.tip_mm - EACH_BITE_MM)
@@ -330,7 +330,7 @@ def _base(gripper: TwoFingers) -> Array:
 
 def _lines(sides: _Sides, gripper: TwoFingers) -> _FingerLines:
     """sides: in the tool frame."""
-    base, across = _base(gripper), sides.outlines[..., [0, 2]]
+    base, across = _line_grid(gripper), sides.outlines[..., [0, 2]]
     normals = sides.normals
     over = (across.max(axis=1) > base.min(axis=0)) & (across.min(axis=1) < base.max(axis=0))
     met = np.zeros((len(across), len(base)), bool)
@@ -359,8 +359,8 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
     met = (top.max(axis=0) > -np.inf) & (bottom.min(axis=0) < np.inf)
     if met.sum() < 4 or gripper.tip_mm - lines.base[met, 1].min() < LEAST_BITE_MM:
         return None
-    upper = _touch(top[:, met], lines.base[met], sides, up, 1.0)
-    lower = _touch(-bottom[:, met], lines.base[met], sides, up, -1.0)
+    upper = _finger_contact(top[:, met], lines.base[met], sides, up, 1.0)
+    lower = _finger_contact(-bottom[:, met], lines.base[met], sides, up, -1.0)
     flat = upper.flat or lower.flat
     if not flat and not (upper.rounded and lower.rounded):
         return None
@@ -379,7 +379,7 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Touch:
+class _FingerContact:
     """One finger's contact: degrees the closing direction is off the normals there; whether a face lies along the
     finger (seen from above), a flat one, or a strip of something round; bounds (2,) of x and z it extends over."""
 
@@ -390,7 +390,7 @@ class _Touch:
     high: Array
 
 
-def _touch(reach: Array, base: Array, sides: _Sides, up: Array, sign: float) -> _Touch:
+def _finger_contact(reach: Array, base: Array, sides: _Sides, up: Array, sign: float) -> _FingerContact:
     """reach (F, L): how far along sign * y each line gets to each side it leaves the solid by."""
     farthest = reach.max(axis=0)
     most = farthest.max()
@@ -401,7 +401,7 @@ def _touch(reach: Array, base: Array, sides: _Sides, up: Array, sign: float) -> 
     spots = base[farthest > most - TOUCHING_MM]
     flat = faces < sides.flat
     slip_deg, low, high = off_cone_deg(closing, normals), spots.min(axis=0), spots.max(axis=0)
-    return _Touch(slip_deg, bool((along & flat).any()), bool((along & ~flat).any()), low, high)
+    return _FingerContact(slip_deg, bool((along & flat).any()), bool((along & ~flat).any()), low, high)
 
 
 def off_cone_deg(direction: Array, normals: Array) -> float:
@@ -435,7 +435,7 @@ def grasps(
     mass, flat = centre_of_mass(solid), len(solid.facets) - curved
     sides, found = sides_of(solid, flat), list[FingerGrasp]()
     for along in closing_directions(solid, flat):
-        middles = _legs(solid, along, mass, gripper)
+        middles = _grasp_centres(solid, along, mass, gripper)
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
             rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
             if near is not None and float((rotation * near).sum()) < 1.0 + 2.0 * np.cos(NEAR_RAD):
@@ -448,7 +448,7 @@ def grasps(
     return sorted(found, key=lambda g: (g.blocked, g.rounded, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
 
 
-def _legs(solid: Polyhedron, along: Array, mass: Array, gripper: TwoFingers) -> list[Array]:
+def _grasp_centres(solid: Polyhedron, along: Array, mass: Array, gripper: TwoFingers) -> list[Array]:
     """The mass centre (3,), and middles (3,) between sides that look away from each other along the closing direction:
     where a part that is not convex has a leg to be held by. Each line along that direction once."""
     found = [mass]

@@ -34,7 +34,7 @@ from daemon.pick.planning.place_plan import SidePlan, plan_anew, plan_from_side,
 from daemon.pick.planning.plan import Destination, NoPlan, Plan, final_approach, same_grasp, stable_sides
 from daemon.pick.planning.regrasp import MOST_GRASPS
 from daemon.pick.planning.side_look import side_that_shows_turn
-from daemon.pick.planning.stand_offs import enough, next_stand_off
+from daemon.pick.planning.stand_offs import is_certain_enough, next_stand_off
 from daemon.pick.planning.table_room import obstacles_of
 
 __all__ = [
@@ -51,7 +51,6 @@ __all__ = [
     "SidePlan",
     "deviation",
     "distinct_hypotheses",
-    "enough",
     "farthest_viewpoint",
     "final_approach",
     "fixture_boxes",
@@ -59,6 +58,7 @@ __all__ = [
     "goal_of",
     "hypotheses_in_words",
     "hypotheses_of",
+    "is_certain_enough",
     "next_best",
     "next_stand_off",
     "obstacles_of",

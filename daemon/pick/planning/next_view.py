@@ -28,20 +28,20 @@ CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""
 TILTS_DEG = (5, 20, 35, 50)
 """How far from straight down."""
-COSINES, FOUND = (0.1, 0.15, 0.25, 0.35, 0.5, 0.85, 0.95), (0.0, 0.15, 0.6, 0.85, 0.9, 0.87, 0.5)
+COSINES, DETECTION_RATES = (0.1, 0.15, 0.25, 0.35, 0.5, 0.85, 0.95), (0.0, 0.15, 0.6, 0.85, 0.9, 0.87, 0.5)
 """How often a facet that shows whole is found, by its cosine to the cameras (tests/bench/long/looks.py)."""
-OF_COVERED = 0.55
+COVERED_FACTOR = 0.55
 """Of these, how many are found where another thing covers a little of it, or all."""
 LEAST_CHANCE, MOST_HYPOTHESES = 1e-3, 24
 """Hypotheses less likely than this, and beyond so many, are not asked for places."""
-TELLING = 8
+MOST_FACETS = 8
 """Of the facets by which hypotheses differ, how many are reckoned with."""
 LEAST_SHARE = 0.005
 IN_TABLE_MM = 6.0
 """So far into the table a part may be thought to reach, its pose being in doubt."""
 LEAST_BITS = 0.02
 """What a look is expected to settle at least to be worth it."""
-UNLIKE = 1e-3
+SAME_FACET_TAIL = 1e-3
 """Facets whose corners lie as far apart as so few do that are the same are two."""
 
 
@@ -158,7 +158,7 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     """
     mean = chances @ shows
     tells = chances @ (shows - mean) ** 2
-    columns = np.argsort(-tells)[: min(TELLING, int((tells > 1e-12).sum()))]
+    columns = np.argsort(-tells)[: min(MOST_FACETS, int((tells > 1e-12).sum()))]
     ways = (np.arange(2 ** len(columns))[:, None] >> np.arange(len(columns))) & 1
     each = np.where(ways[:, None, :], shows[None, :, columns], 1 - shows[None, :, columns])
     joint = each.prod(axis=2) * chances
@@ -213,7 +213,7 @@ class _FacetsInSpace:
     def _same(self, corners: Array, covariance: Array) -> int:
         """The first facet that is in this place, the next number where there is none."""
         count = len(corners)
-        most, middle = chi_square_limit(3 * count, UNLIKE), corners.mean(0)
+        most, middle = chi_square_limit(3 * count, SAME_FACET_TAIL), corners.mean(0)
         for number, (other, its) in enumerate(zip(self.corners, self.covariances, strict=True)):
             if len(other) != count:
                 continue
@@ -240,9 +240,9 @@ def visible_facets(competing: HypothesisSet, centre: Array, centres: Array, besi
         turned = towards @ h.world_from_part[:3, :3]
         part_from_world = frames.inverse(h.world_from_part)
         others = [frames.apply(part_from_world, ring) for ring in beside]
-        often = np.interp(turned @ h.solid.normals.T, COSINES, FOUND)
+        often = np.interp(turned @ h.solid.normals.T, COSINES, DETECTION_RATES)
         alone, free = (visible_from(h.solid, turned, COSINES[0], some) for some in ((), others))
-        found[:, k, own] = often * np.where(free, 1.0, np.where(alone, OF_COVERED, 0.0))
+        found[:, k, own] = often * np.where(free, 1.0, np.where(alone, COVERED_FACTOR, 0.0))
     strange = [h.label == UNKNOWN for h in competing.hypotheses]
     found[:, strange, -1] = found[:, :, competing.seen : count].max(axis=(1, 2), initial=0.0)[:, None]
     return found

@@ -17,7 +17,7 @@ from daemon.pick.grippers import PlannedGrasp, centre_of_mass, contact_hull
 from daemon.pick.planning import viewpoints
 from daemon.pick.planning.place_goals import FLAT_MM, Goal, SetDown, goes_through, ways_to
 from daemon.pick.planning.viewpoints import Reachable
-from daemon.pick.seen import Facing, apart_mm, seen_again
+from daemon.pick.seen import Facing, apart_mm, visible_share
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import FACING, Polyhedron, StereoRig, inside
 
@@ -139,7 +139,7 @@ def plan_part(
         viewpoint = mounting.world_from_cyclopean_at(pose)[:3, 3]
         if any(viewpoints.angle_at(centre, viewpoint, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
-        worth = viewpoints.view_worth(shape, world_from_part, viewpoint) + seen_again(seen, viewpoint)
+        worth = viewpoints.view_worth(shape, world_from_part, viewpoint) + visible_share(seen, viewpoint)
         if destination is not None and rig is not None:
             held = frames.inverse(grasp.world_from_tool) @ world_from_part
             worth += SHOWS_COUNT * held_part_visibility(shape, held, mounting, rig)

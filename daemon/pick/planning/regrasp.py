@@ -94,7 +94,7 @@ def grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTa
 
 def work_out_grasps(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTable:
     """The grasps of a part on each side that it rests on, worked out anew."""
-    lying = resting(shape)
+    lying = resting_poses(shape)
     reach = [np.linalg.norm(frames.apply(pose, shape.corners_mm)[:, :2], axis=1).max() for pose in lying]
     found = [(n, grasp) for n, pose in enumerate(lying) for grasp in gripper.grasps(shape, pose, 0.0, error_mm).found]
     on_side = np.array([n for n, _ in found], np.intp)
@@ -103,7 +103,7 @@ def work_out_grasps(shape: Polyhedron, gripper: Gripper, error_mm: float) -> Gra
     return GraspTable(lying, np.array(reach), grasps, on_side, np.reshape(held, (-1, 4, 4)))
 
 
-def resting(shape: Polyhedron) -> Array:
+def resting_poses(shape: Polyhedron) -> Array:
     """(S, 4, 4) how a part of one material can lie on a table at z = 0, the middle of what it rests on at the origin:
     on each of its own sides, and each face of its convex hull, that its mass centre is above; on nothing round. Raises
     ValueError where the corners span no volume."""
@@ -168,14 +168,14 @@ class Regrasping:
         held = list(self._first(world_from_part))
         if not held:
             return NoPlan(CauseCode.OUT_OF_REACH, "no grasp of it as it lies can be reached all the way")
-        if (found := self._brought(held)) is not None:
+        if (found := self._search(held)) is not None:
             return found
         ends = self._ends()
-        if most > 1 and (found := self._brought(self._relays(held, ends))) is not None:
+        if most > 1 and (found := self._search(self._after_one_set_down(held, ends))) is not None:
             return found
         if most > 2 and ends.any():
-            between = list(self._relays(held, self._leading_to(ends)))
-            if (found := self._brought(self._relays(between, ends))) is not None:
+            between = list(self._after_one_set_down(held, self._grasps_before(ends)))
+            if (found := self._search(self._after_one_set_down(between, ends))) is not None:
                 return found
         goals = ", ".join(goal.place.name for goal in self._goals)
         if not ends.any():
@@ -194,8 +194,8 @@ class Regrasping:
         """Grasps that can pick the part as it lies, the surest first."""
         found = [grasp for grasp in self._grasps_of(world_from_part) if not grasp.blocked]
         tools = np.reshape([grasp.world_from_tool for grasp in found], (-1, 4, 4))
-        for number in self._surest(found, tools, world_from_part):
-            if self._can_take(tools[number], world_from_part):
+        for number in self._best(found, tools, world_from_part):
+            if self._is_reachable_grasp(tools[number], world_from_part):
                 yield _PartHeld(frames.inverse(tools[number]) @ world_from_part, found[number])
 
     def _grasps_of(self, pose: Array) -> Sequence[PlannedGrasp]:
@@ -214,7 +214,7 @@ class Regrasping:
             found.append(replace(self.table.grasps[number], world_from_tool=tool, blocked=blocked))
         return found
 
-    def _surest(self, grasps: Sequence[PlannedGrasp], tools: Array, pose: Array) -> list[int]:
+    def _best(self, grasps: Sequence[PlannedGrasp], tools: Array, pose: Array) -> list[int]:
         """Indices of grasps, the surest first: by firmness, by how well looks on the approach show the part, and by how
         much of it shows in the gripper afterwards."""
         stand_offs, centre = self.settings.stops.stand_offs_mm, self._centre(pose)
@@ -229,7 +229,7 @@ class Regrasping:
     def _centre(self, pose: Array) -> Array:
         return np.asarray(frames.apply(pose, self.shape.corners_mm).mean(axis=0))
 
-    def _can_take(self, tool: Array, pose: Array) -> bool:
+    def _is_reachable_grasp(self, tool: Array, pose: Array) -> bool:
         """Whether the arm gets to a grasp (4, 4) of the part there and back, the hand off what lies beside."""
         centre, settings = self._centre(pose), self.settings
         at = PlannedGrasp(tool, 0.0)
@@ -238,12 +238,12 @@ class Regrasping:
             approach_poses(at, centre, settings, self.mounting), self.allowed
         )
 
-    def _can_lay(self, way: SetDown) -> bool:
+    def _is_reachable_set_down(self, way: SetDown) -> bool:
         """Whether the arm gets there and away, the hand off what lies beside."""
         near = np.stack([way.at, way.clear])
         return bool(self.beside.clear(near, self.settings.limits).all()) and goes_through(way.ways[:3], self.allowed)
 
-    def _brought(self, held: Iterable[_PartHeld]) -> tuple[RegraspStep, ...] | None:
+    def _search(self, held: Iterable[_PartHeld]) -> tuple[RegraspStep, ...] | None:
         """The plan of the first of these that can set the part down at a goal."""
         for each in held:
             for goal in self._goals:
@@ -261,10 +261,10 @@ class Regrasping:
         for goal in self._goals:
             poses = np.stack([paths.lifted(pose, goal.place.settings.release_mm) for pose in goal.poses])
             tools = poses[:, None] @ self.table.part_from_tool
-            found |= self._gets_to(tools.reshape(-1, 4, 4)).reshape(len(poses), -1).any(axis=0)
+            found |= self._reaches(tools.reshape(-1, 4, 4)).reshape(len(poses), -1).any(axis=0)
         return found
 
-    def _gets_to(self, tools: Array) -> Flags:
+    def _reaches(self, tools: Array) -> Flags:
         """(N,) which of (N, 4, 4) the arm can have; parts that look the same turned ask for many of them often."""
         if not len(tools):
             return np.zeros(0, bool)
@@ -272,7 +272,7 @@ class Regrasping:
         _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
         return np.asarray(self.allowed(tools[first])[which.ravel()])
 
-    def _off_the_table(self, part_from_tool: Array) -> Flags:
+    def _clear_of_table(self, part_from_tool: Array) -> Flags:
         """(G, S) whether the open hand keeps off the table by a grasp (G, 4, 4) as the part lies on that side of it."""
         limits = self.settings.limits
         hand = hand_of(limits)
@@ -281,24 +281,26 @@ class Regrasping:
         lowest = heights.min(axis=-1) - hand.radius_mm + RELEASE_MM
         return np.asarray((lowest > limits.clearance_mm).all(axis=-1))
 
-    def _leading_to(self, ends: Flags) -> Flags:
+    def _grasps_before(self, ends: Flags) -> Flags:
         """(G,) which grasps of the table can lay the part on a side on which one of these ends takes it."""
         takes = np.array([(ends & (self.table.side == side)).any() for side in range(len(self.table.lying))])
-        return np.asarray((self._off_the_table(self.table.part_from_tool) & takes).any(axis=1) & ~ends)
+        return np.asarray((self._clear_of_table(self.table.part_from_tool) & takes).any(axis=1) & ~ends)
 
-    def _relays(self, held: Sequence[_PartHeld], wanted: Flags) -> Iterator[_PartHeld]:
+    def _after_one_set_down(self, held: Sequence[_PartHeld], wanted: Flags) -> Iterator[_PartHeld]:
         """The part placed on the table by one of these and taken by a grasp that is wanted, each of those once;
         searches where on the table, and how turned."""
         if not held or not wanted.any():
             return
         left, part_from_tool = wanted.copy(), np.stack([frames.inverse(each.tool_from_part) for each in held])
-        lays = self._off_the_table(part_from_tool)
+        lays = self._clear_of_table(part_from_tool)
         for nth in range(MOST_SPOTS):
             for side in range(len(self.table.lying)):
                 takers, givers = np.flatnonzero(left & (self.table.side == side)), np.flatnonzero(lays[:, side])
                 if len(takers) and len(givers) and nth < len(self._spots[side]):
-                    for giver, taker, pose in self._meets(side, part_from_tool, givers, takers, self._spots[side][nth]):
-                        laid = self._laid(held[giver], pose, self.table.part_from_tool[taker])
+                    for giver, taker, pose in self._regrasps(
+                        side, part_from_tool, givers, takers, self._spots[side][nth]
+                    ):
+                        laid = self._step_with_set_down(held[giver], pose, self.table.part_from_tool[taker])
                         grasp = replace(
                             self.table.grasps[taker], world_from_tool=pose @ self.table.part_from_tool[taker]
                         )
@@ -311,11 +313,11 @@ class Regrasping:
         """Of each side: where a part that lies on it is free of others, of places, and was seen to be."""
         taken = obstacles_of([*self.neighbours, *self.destination.taken, *self.destination.reserved])
         return [
-            [spot for spot in free_spots(taken, float(reach), self.settings) if self._seen_free(spot, float(reach))]
+            [spot for spot in free_spots(taken, float(reach), self.settings) if self._is_seen_free(spot, float(reach))]
             for reach in self.table.reach_mm
         ]
 
-    def _seen_free(self, spot: Array, radius_mm: float) -> bool:
+    def _is_seen_free(self, spot: Array, radius_mm: float) -> bool:
         """Whether one of the looks shows all of the table that a part takes up there, nothing before it."""
         around = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
         rim = spot + radius_mm * np.column_stack([np.cos(around), np.sin(around)])
@@ -326,7 +328,7 @@ class Regrasping:
             for look in self.looks
         )
 
-    def _meets(
+    def _regrasps(
         self, side: int, part_from_tool: Array, givers: Index, takers: Index, spot: Array
     ) -> Iterator[tuple[int, int, Array]]:
         """A giver, a taker, and where the part lies (4, 4) that both can have it, for each taker that has any."""
@@ -334,32 +336,32 @@ class Regrasping:
         at = np.array([*spot, self.settings.limits.table_z_mm])
         poses = np.stack([frames.rigid(turn, at) @ self.table.lying[side] for turn in turns])
         lifted = np.stack([paths.lifted(pose, RELEASE_MM) for pose in poses])
-        gives = self._gets_to((lifted[:, None] @ part_from_tool[givers]).reshape(-1, 4, 4)).reshape(HEADINGS, -1)
+        gives = self._reaches((lifted[:, None] @ part_from_tool[givers]).reshape(-1, 4, 4)).reshape(HEADINGS, -1)
         some = np.flatnonzero(gives.any(axis=1))
         if not len(some):
             return
         tools = poses[some][:, None] @ self.table.part_from_tool[takers]
-        takes = self._gets_to(tools.reshape(-1, 4, 4)).reshape(len(some), -1)
+        takes = self._reaches(tools.reshape(-1, 4, 4)).reshape(len(some), -1)
         can_lay = dict[int, int | None]()
         grasps = [self.table.grasps[k] for k in takers]
-        for column in self._surest(grasps, tools[0], poses[some[0]]):
+        for column in self._best(grasps, tools[0], poses[some[0]]):
             for row in np.flatnonzero(takes[:, column]):
                 heading = int(some[row])
                 if heading not in can_lay:
-                    can_lay[heading] = self._giver(part_from_tool, givers[gives[heading]], side, poses[heading])
+                    can_lay[heading] = self._first_usable(part_from_tool, givers[gives[heading]], side, poses[heading])
                 giver = can_lay[heading]
-                if giver is not None and self._can_take(tools[row, column], poses[heading]):
+                if giver is not None and self._is_reachable_grasp(tools[row, column], poses[heading]):
                     yield giver, int(takers[column]), poses[heading]
                     break
 
-    def _giver(self, part_from_tool: Array, givers: Index, side: int, pose: Array) -> int | None:
+    def _first_usable(self, part_from_tool: Array, givers: Index, side: int, pose: Array) -> int | None:
         """The first of these that can lay the part down there."""
         for giver in givers:
-            if self._can_lay(self._way(pose, frames.inverse(part_from_tool[giver]))):
+            if self._is_reachable_set_down(self._set_down_at(pose, frames.inverse(part_from_tool[giver]))):
                 return int(giver)
         return None
 
-    def _way(self, pose: Array, tool_from_part: Array) -> SetDown:
+    def _set_down_at(self, pose: Array, tool_from_part: Array) -> SetDown:
         label = self.destination.goals[0].place.part
         table_z_mm = self.settings.limits.table_z_mm
         place_settings = PlaceSettings(
@@ -370,10 +372,10 @@ class Regrasping:
             Goal(place, self.shape, (pose,), table_z_mm), pose, tool_from_part, self.settings, self.mounting
         )
 
-    def _laid(self, held: _PartHeld, pose: Array, part_from_tool: Array) -> RegraspStep:
+    def _step_with_set_down(self, held: _PartHeld, pose: Array, part_from_tool: Array) -> RegraspStep:
         """The part placed on the table, and looked at from where it shows best; where the arm gets to none of these
         places, from where the next grasp is approached."""
-        centre, way = self._centre(pose), self._way(pose, held.tool_from_part)
+        centre, way = self._centre(pose), self._set_down_at(pose, held.tool_from_part)
         looks = np.stack([*looks_round(centre, self.settings, self.mounting)])
         viewpoints = [self.mounting.world_from_cyclopean_at(look)[:3, 3] for look in looks]
         worth = np.array([view_worth(self.shape, pose, viewpoint) for viewpoint in viewpoints])

@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.arm import OnHand, Reach
 from daemon.arrays import Array
 from daemon.pick.planning.next_view import viewpoints_round
-from daemon.pick.planning.stand_offs import enough
+from daemon.pick.planning.stand_offs import is_certain_enough
 from daemon.pick.pose_fusion import Estimate, Sighting, fuse, sighting
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import Polyhedron, StereoRig
@@ -49,7 +49,7 @@ def side_that_shows_turn(
         return [fuse([*sightings, *[each] * left], settings.doubt) for each in seen]
 
     looks = max(len(sightings) + left, stops.least_looks)
-    if enough(expected([rotation])[0], looks, stops, free_axis):
+    if is_certain_enough(expected([rotation])[0], looks, stops, free_axis):
         return None
     distances = {*stops.stand_offs_mm[1:], nearest_mm, settings.verify_mm}
     rotations = [
@@ -62,6 +62,6 @@ def side_that_shows_turn(
     sure = [
         (estimate.predicted_deg, number)
         for number, estimate in enumerate(expected(rotations))
-        if enough(estimate, looks, stops, free_axis)
+        if is_certain_enough(estimate, looks, stops, free_axis)
     ]
     return rotations[min(sure)[1]] if sure else None

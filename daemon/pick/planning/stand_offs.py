@@ -7,7 +7,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting, fuse
 from daemon.pick.settings import StandOffs
 
 
-def enough(estimate: Estimate, looks: int, stops: StandOffs, free_axis: Array | None = None) -> bool:
+def is_certain_enough(estimate: Estimate, looks: int, stops: StandOffs, free_axis: Array | None = None) -> bool:
     """Whether the pose is known well enough for the final approach, which is made without another look. free_axis:
     (3,) world, about which the turn of the part does not matter."""
     if free_axis is not None:
@@ -34,6 +34,6 @@ def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: StandOffs
         shared[:3, 6:8] *= ratio
         shared[:3, 8] *= ratio**2
         imagined = Sighting(last.world_from_part, last.covariance * ratio**2, shared, distance)
-        if enough(fuse([*sightings, imagined], doubt), done + 1, stops):
+        if is_certain_enough(fuse([*sightings, imagined], doubt), done + 1, stops):
             return distance
     return ahead[0]

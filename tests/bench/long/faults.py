@@ -2,10 +2,10 @@
 
 usage: python -m tests.bench.long.faults [--each N] [--only WORD] [--jobs N]   N picks for each fault and moment (2)
 
-Each run lays one part, starts a pick and harms it once when the cycle enters the moment's state. Then it is judged
-by the cell's witness and the wire ledger: was the arm at rest after the fault, did any motion leave afterwards, is what
-was said of the part true, and does the cell pick on after `resume`. Prints the table and the counts; exit 1 where a
-part was lost silently or the arm moved after a fault.
+Each run lays one part, starts a pick and harms it once when the cycle enters the moment's state. Then it is judged by
+the cell's ground truth and the wire ledger: was the arm at rest after the fault, did any motion leave afterwards, is
+what was said of the part true, and does the cell pick on after `resume`. Prints the table and the counts; exit 1 where
+a part was lost silently or the arm moved after a fault.
 """
 
 from __future__ import annotations

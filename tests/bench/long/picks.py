@@ -4,8 +4,8 @@ usage: python -m tests.bench.long.picks [--picks N] [--calibrations N] [--own N]
 
 Under each of some calibrations the six views are taught anew; then single parts in random resting poses are picked with
 as many looks as the approach wants, and every so many of the same poses with one look from the first stand-off. The
-witness says what was held and how far off. The calibrations are made up (hand-eye off by 0.3 mm and 0.05 degrees, image
-centres by 0.3 px, in random directions) or, --own, found by the program's own calibration of the simulated cell.
+ground truth says what was held and how far off. The calibrations are made up (hand-eye off by 0.3 mm and 0.05 degrees,
+image centres by 0.3 px, in random directions) or, --own, found by the program's own calibration of the simulated cell.
 Besides: how long the daemon takes from one move's end to the next one's start, with a look.
 """
 

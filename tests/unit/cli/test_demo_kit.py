@@ -14,9 +14,9 @@ from daemon.events.records import Record
 from daemon.pick.planning.place_goals import fixture_boxes, goal_of
 from daemon.store import folders
 from daemon.store.place_file import load_places
+from drivers.simcell.ground_truth import pose_error
 from drivers.simcell.parts import part_shape
 from drivers.simcell.truth import load_truth
-from drivers.simcell.witness import pose_error
 from tests.fakes.set_downs import drawn_model
 
 

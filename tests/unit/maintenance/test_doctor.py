@@ -20,7 +20,7 @@ import pytest
 from daemon.arm import Fault
 from daemon.config import Config, load_config
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
-from daemon.maintenance.doctor import CheckResult, examine, from_service, mend_of
+from daemon.maintenance.doctor import CheckResult, examine, from_service, remedy_of
 from daemon.maintenance.troubles import Troubles
 from drivers.val2.errors import ControllerError
 from tests.fakes.daemon_process import write_own_calibration
@@ -210,7 +210,7 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     ],
 )
 def test_what_a_fault_asks_for_follows_from_its_cause(fault: FaultCause, mend: str) -> None:
-    told = mend_of(fault)
+    told = remedy_of(fault)
     assert mend in told
     assert bool(told) is bool(mend)
 

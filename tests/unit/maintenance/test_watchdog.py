@@ -412,7 +412,7 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
         one = Watchdog(watched.context)
         awake_s = one._asleep_s
         for slept_s in (0.0, 1.0, 3601.0, 3601.0):
-            monkeypatch.setattr(watchdog, "asleep_s", lambda seconds=awake_s + slept_s: seconds)
+            monkeypatch.setattr(watchdog, "suspended_s", lambda seconds=awake_s + slept_s: seconds)
             one._tick()
             await asyncio.sleep(0.01)
 

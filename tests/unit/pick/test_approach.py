@@ -106,7 +106,7 @@ def test_a_look_that_does_not_find_a_part_counts_as_a_try_at_it(monkeypatch):
     assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
     fake.lying.update(lying)
     brought_to(PickState.VERIFY, context, world)
-    monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
+    monkeypatch.setattr(take, "shows_empty_gripper", lambda *_: True)
     monkeypatch.setattr(take, "shows_in_gripper", lambda *_: False)
     assert step(context, world, PickState.VERIFY) is PickEvent.MISSED
     assert [(one.outcome, one.why.split(" after ")[-1]) for one in world.skipped] == [("missed", "2 tries")]

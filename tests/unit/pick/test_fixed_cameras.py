@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arm import RefusedError
 from daemon.pick import pose_fusion
 from daemon.pick.cycle import PickCycle
-from daemon.pick.following import sighted
+from daemon.pick.following import sighting_of
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings, StandOffs
 from daemon.vision.refine import Fit
@@ -102,7 +102,7 @@ def sighting(pivot: np.ndarray | None, doubt: Doubt) -> pose_fusion.Sighting:
         world_from_cyclopean=OVER,
     )
     part = frames.inverse(OVER) @ frames.rigid(np.eye(3), np.array([560.0, 30.0, -280.0]))
-    return sighted(look, Fit(part, np.eye(6) * 1e-4, 0.1, 8), rig(), doubt)
+    return sighting_of(look, Fit(part, np.eye(6) * 1e-4, 0.1, 8), rig(), doubt)
 
 
 def test_the_arm_errs_in_no_look_of_fixed_cameras_and_whole_at_the_grasp() -> None:

@@ -21,13 +21,13 @@ from daemon.config import load_config
 from daemon.pick import following, moved_pair, pose_fusion
 from daemon.pick.following import (
     CameraMount,
-    came_back_empty,
     expected_at,
-    farthest_mm,
-    fitted,
+    fit_target,
     held_by_edges,
     held_pose,
+    largest_deviation_mm,
     least_error,
+    shows_empty_gripper,
     shows_in_gripper,
     shows_release,
 )
@@ -97,7 +97,7 @@ def grasped() -> Any:
 
 
 def seems_empty(seed: int, holds_cube: bool) -> bool:
-    return came_back_empty(*look_back(seed, holds_cube), CONFIG.values.pick.gripper)
+    return shows_empty_gripper(*look_back(seed, holds_cube), CONFIG.values.pick.gripper)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -193,7 +193,7 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
         centre=corners.mean(0),
         estimate=None,
     )
-    fit = fitted(target, look)
+    fit = fit_target(target, look)
     assert fit is not None
     assert np.allclose(fit.cyclopean_from_part, truth, atol=1e-6)
 
@@ -220,7 +220,7 @@ def test_facets_that_are_sure_and_taken_for_others_do_not_outweigh_the_pose_that
         label="cube", shape=shape, world_from_part=named, centre=corners.mean(0), estimate=None
     )
     monkeypatch.setattr(following, "fit_pair_by_edges", lambda *_: None)
-    fit = fitted(target, look)
+    fit = fit_target(target, look)
     assert fit is not None
     np.testing.assert_allclose(fit.cyclopean_from_part, named)
 
@@ -228,7 +228,7 @@ def test_facets_that_are_sure_and_taken_for_others_do_not_outweigh_the_pose_that
 def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_of_what_moved(monkeypatch) -> None:
     """Each look has one part in one place; its facets stand for what the fit to them gives."""
     monkeypatch.setattr(following, "fit_to_facets", lambda shape, facets, *_, **__: facets)
-    monkeypatch.setattr(following, "sighted", lambda look, fit, *_: len(fit))
+    monkeypatch.setattr(following, "sighting_of", lambda look, fit, *_: len(fit))
     monkeypatch.setattr(pose_fusion, "disagreement", lambda first, second, _: first + second)
 
     def part(facets: Any, x_mm: float) -> Any:
@@ -268,7 +268,7 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     held = held_pose(target, look, mount, doubt)
     assert held is not None
     np.testing.assert_allclose(found[0][0], frames.inverse(tool_from_cyclopean) @ grasped_at)
-    assert found[0][1] == pytest.approx(farthest_mm(target.shape, grasped_at, loose))
+    assert found[0][1] == pytest.approx(largest_deviation_mm(target.shape, grasped_at, loose))
     np.testing.assert_allclose(held.seen, seen, atol=1e-9)
     turn_variance = 1e-6 + np.radians(following.FINGER_EDGE_DEG) ** 2
     assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / (1e-4 + turn_variance), rel=0.05)
@@ -364,7 +364,7 @@ def test_a_round_part_of_unknown_turn_is_found_in_the_turn_that_its_edges_have(d
     target: Any = SimpleNamespace(
         label="knob", shape=KNOB, world_from_part=near, centre=near[:3, 3], estimate=known_to(90.0)
     )
-    assert off_deg(fitted(target, look), truth) < 1.5
+    assert off_deg(fit_target(target, look), truth) < 1.5
 
 
 def test_from_where_no_turn_of_a_round_part_shows_it_stays_as_thought_and_its_turn_unknown() -> None:
@@ -422,7 +422,7 @@ def test_edges_are_sought_as_far_off_as_a_pose_may_err_and_no_farther(
     """Of all motions of the same chi-square none takes a corner farther, and one takes it nearly as far."""
     shape, near = shape_of("cube"), frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0]))
     sigmas = np.array([mm] * 3 + [np.radians(deg)] * 3)
-    reach_mm = farthest_mm(shape, near, np.diag(sigmas**2))
+    reach_mm = largest_deviation_mm(shape, near, np.diag(sigmas**2))
     motion = sigmas * np.array(direction) / np.linalg.norm(direction) * np.sqrt(CHI_SQUARE_6)
     moved = frames.point_motion(shape.corners_mm) @ motion
     assert np.linalg.norm(moved, axis=1).max() <= reach_mm * (1 + 1e-9)
@@ -444,13 +444,13 @@ def test_one_camera_that_took_both_pictures_has_what_goes_with_it_in_one_place_i
     seen, mount = look_back(1, True)
     who: CameraName | None
     for who, cameras in ((None, (seen.rig.left, seen.rig.right)), ("right", (mount.rig.left, mount.rig.left))):
-        views = following.cameras_on_the_gripper(seen, replace(mount, alone=who)).views
+        views = following.images_of_gripper(seen, replace(mount, alone=who)).views
         for view, camera in zip(views, cameras, strict=True):
             np.testing.assert_array_equal(view.rectified.camera.cyclopean_from_camera, camera.cyclopean_from_camera)
 
 
 def test_no_look_tells_of_a_gripper_that_shows_the_same_with_a_part_as_without_that_it_is_empty() -> None:
-    assert not came_back_empty(*look_back(1, False), SuctionCup())
+    assert not shows_empty_gripper(*look_back(1, False), SuctionCup())
 
 
 @pytest.mark.parametrize("shown", [True, False])

@@ -12,7 +12,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import fused_objects
-from daemon.pick.fused_objects import ONE_MM, fuse_objects, most_informative, outlines_of, untaught_facets
+from daemon.pick.fused_objects import SAME_PART_MM, fuse_objects, most_informative, outlines_of, untaught_facets
 from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
@@ -93,7 +93,7 @@ def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, reco
     """A look laid its part so far aside that their middles are apart, and yet half a side of one is the other's."""
     one, other = look_from(recogniser, 135, 40), look_from(recogniser, 100, 50, 1)
     (part,) = other.scene.parts
-    aside = frames.rigid(np.eye(3), other.world_from_cyclopean[:3, :3].T @ np.array([ONE_MM + 2.0, 0.0, 0.0]))
+    aside = frames.rigid(np.eye(3), other.world_from_cyclopean[:3, :3].T @ np.array([SAME_PART_MM + 2.0, 0.0, 0.0]))
     laid = replace(
         part,
         recognition=replace(part.recognition, label=label),

@@ -17,7 +17,7 @@ from daemon.pick import find
 from daemon.pick.planning.next_view import (
     CLOSE_MM,
     IN_TABLE_MM,
-    UNLIKE,
+    SAME_FACET_TAIL,
     PartHypothesis,
     distinct_hypotheses,
     entropy,
@@ -142,7 +142,7 @@ def test_facets_are_one_as_far_apart_as_the_cameras_and_the_doubt_of_both_places
 ) -> None:
     """Of a facet with four corners all of them count: twelve coordinates, each the difference of two."""
     camera_mm2 = np.diag(corner_covariance(rig(), CLOSE_MM)).mean()
-    limit_mm = np.sqrt(chdtri(12, UNLIKE) * 2 * (camera_mm2 + doubt_mm**2) / 4)
+    limit_mm = np.sqrt(chdtri(12, SAME_FACET_TAIL) * 2 * (camera_mm2 + doubt_mm**2) / 4)
     covariance = np.diag([doubt_mm**2] * 3 + [0.0] * 3)
     apart = frames.rigid(np.eye(3), of_limit * limit_mm * np.array(way))
     lies = {"here": turned(0), "there": apart @ turned(0)}

@@ -15,7 +15,7 @@ from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.planning import regrasp
 from daemon.pick.planning.place_goals import TABLE, goes_through, looks_round
 from daemon.pick.planning.plan import Destination, NoPlan, approach_poses, held_part_visibility, stable_sides
-from daemon.pick.planning.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
+from daemon.pick.planning.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting_poses
 from daemon.pick.planning.viewpoints import view_worth
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import exact
@@ -58,7 +58,7 @@ def over_plan(reach):
 @pytest.mark.parametrize("label", ["cube", "pyramid", "pentagonal_prism"])
 def test_a_part_rests_level_on_each_face_below_its_mass(label):
     shape = shape_of(label)
-    lying = resting(shape)
+    lying = resting_poses(shape)
     assert len(lying) == len(stable_sides(shape))
     for pose in lying:
         heights = frames.apply(pose, shape.corners_mm)[:, 2]
@@ -68,7 +68,7 @@ def test_a_part_rests_level_on_each_face_below_its_mass(label):
 
 @pytest.mark.parametrize(("label", "sides"), [("knob", 2), ("flange", 2), ("clevis", 5), ("bracket", 5)])
 def test_a_drawn_part_rests_on_nothing_round(label, sides):
-    assert len(resting(machined.drawn(label).solid)) == sides
+    assert len(resting_poses(machined.drawn(label).solid)) == sides
 
 
 @pytest.mark.parametrize("label", few(["cube", "triangular_prism", "pentagonal_prism"], 1))

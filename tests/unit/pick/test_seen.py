@@ -16,9 +16,9 @@ from daemon.pick.seen import (
     facings,
     in_pick_order,
     is_facet_of,
-    seen_again,
+    missing_parts,
     seen_parts,
-    unconfirmed,
+    visible_share,
 )
 from daemon.vision.values import UNKNOWN, Part, Recognition
 from tests.fakes.rigs import rig
@@ -73,21 +73,21 @@ def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> Non
 def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behind() -> None:
     facing = Facing(np.zeros(3), np.array([0, 0, 1.0]))
     cameras = [np.array([np.sin(a), 0, np.cos(a)]) * 300 for a in np.radians([0, 30, 60, 80, 180])]
-    told = [seen_again([facing], camera) for camera in cameras]
+    told = [visible_share([facing], camera) for camera in cameras]
     assert told[0] == pytest.approx(1.0)
     assert told == sorted(told, reverse=True)
     assert told[3:] == [0.0, 0.0]
-    assert seen_again([], cameras[0]) == 0.0
-    assert seen_again([facing, Facing(np.zeros(3), np.array([0, 0, -1.0]))], cameras[0]) == pytest.approx(0.5)
+    assert visible_share([], cameras[0]) == 0.0
+    assert visible_share([facing, Facing(np.zeros(3), np.array([0, 0, -1.0]))], cameras[0]) == pytest.approx(0.5)
 
 
 def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:
     lone, named = seen_at(0, 0, UNKNOWN), seen_at(0, 0, "cube")
     around, nothing = lone.centre + np.array([20.0, 0, 0]), take_look()
-    assert unconfirmed([lone, named], nothing, around) == [lone]
-    assert unconfirmed([lone], take_look(part_at(5, 5, UNKNOWN)), around) == [], "it shows again"
-    assert unconfirmed([lone], nothing, around + np.array([150.0, 0, 0])) == [], "it bars nothing"
-    assert unconfirmed([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre) == [], "out of view"
+    assert missing_parts([lone, named], nothing, around) == [lone]
+    assert missing_parts([lone], take_look(part_at(5, 5, UNKNOWN)), around) == [], "it shows again"
+    assert missing_parts([lone], nothing, around + np.array([150.0, 0, 0])) == [], "it bars nothing"
+    assert missing_parts([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre) == [], "out of view"
 
 
 def test_what_is_nearest_or_surest_comes_first_and_what_has_no_name_last() -> None:

@@ -112,7 +112,7 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.VERIFY, context, world)
-    monkeypatch.setattr(take, "came_back_empty", lambda *_: empty)
+    monkeypatch.setattr(take, "shows_empty_gripper", lambda *_: empty)
     monkeypatch.setattr(take, "shows_in_gripper", lambda *_: False)
     event = step(context, world, PickState.VERIFY)
     assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
@@ -272,7 +272,7 @@ def test_fingers_that_show_met_above_the_bin_say_that_the_part_fell_on_the_way(m
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
     fake.held = None
-    monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
+    monkeypatch.setattr(take, "shows_empty_gripper", lambda *_: True)
     assert step(context, world, PickState.BIN) is PickEvent.DROPPED
     assert world.result.outcome == "released"
     assert "fell on the way" in world.result.why

@@ -15,7 +15,7 @@ from drivers.simcell.world import Closing, World
 MATCHING_ROUNDS = 10
 
 
-class Witness:
+class GroundTruth:
     """The true motions, grasps and poses, with all errors of arm and hand-eye."""
 
     def __init__(self, truth: Truth, world: World, machine: Machine, world_from_tool: Callable[[], Array]) -> None:
