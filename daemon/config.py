@@ -287,13 +287,11 @@ class Config:
 
     @property
     def runs(self) -> Path:
-        """The folder of run folders."""
         runs = self.values.folders.runs
         return self.file(runs) if runs else self.state / "runs"
 
     @property
     def socket(self) -> Path:
-        """The operators' socket."""
         runtime = self.values.folders.runtime
         folder = self.file(runtime) if runtime else folders.runtime_folder(self.kind == "simulated")
         return folder / folders.SOCKET_NAME

@@ -341,7 +341,6 @@ def _connected(link: DaemonLink, words: list[str], as_json: bool) -> int:
 
 
 def _daemon_runs() -> bool:
-    """Whether a daemon answers."""
     try:
         DaemonLink().close()
     except DaemonUnreachableError:
@@ -467,7 +466,6 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
 
 
 def _without_daemon(words: list[str], as_json: bool) -> int:
-    """`doctor` and `bundle` without a daemon."""
     command, *more = words
     if more:
         print(f"facetctl: {more[0]}: one word too many; usage: {command}", file=sys.stderr)

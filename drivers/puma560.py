@@ -52,7 +52,6 @@ class ArmGeometry:
 
     @property
     def lengths_mm(self) -> tuple[float, float, float, float]:
-        """a2, a3, d3, d4."""
         return self.a2_mm, self.a3_mm, self.d3_mm, self.d4_mm
 
     @property

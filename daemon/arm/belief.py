@@ -78,7 +78,6 @@ class CellBelief:
 
     @property
     def resting_reading(self) -> Reading | None:
-        """Where the arm is at rest."""
         return None if self.position is None else self.position.value
 
     @property

@@ -202,7 +202,6 @@ class Mover:
 
     @property
     def next_start(self) -> Reading | None:
-        """Where the next move starts."""
         return self.belief.next_start
 
     @property
@@ -454,7 +453,6 @@ class Mover:
             raise self._refused(refusal)
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
-        """Log a refusal and return its error."""
         if PERHAPS_HELD in refusal.text:
             remedy = "look into the gripper: if it is empty, type `holding no`; if not, `hand open` (the part falls)"
             refusal = replace(refusal, text=f"{refusal.text}; {remedy}")

@@ -91,7 +91,6 @@ class ArmEstimate:
 
     @property
     def lengths_mm(self) -> tuple[float, float, float, float]:
-        """a2, a3, d3, d4."""
         return self.a2_mm, self.a3_mm, self.d3_mm, self.d4_mm
 
 

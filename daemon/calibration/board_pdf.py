@@ -83,7 +83,6 @@ def black_mm(board: Board) -> Array:
 
 
 def _black_squares(board: Board) -> Iterator[tuple[float, float, float, float]]:
-    """Return the black rectangles of the board, in squares."""
     modules = 0 if board.kind == "chessboard" else board.charuco().getDictionary().markerSize + 2
     edge = (1 - board.marker_share) / 2
     step = board.marker_share / max(modules, 1)

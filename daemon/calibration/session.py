@@ -427,7 +427,6 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
 def _stereo_views(
     views: Sequence[BoardView], board: Board, calibration: Calibration
 ) -> Iterator[tuple[StereoRig, MatchedCorners]]:
-    """The rig and the matched corners of each stereo pair."""
     if calibration.alone is None:
         for view in views:
             yield calibration.rig, match_corners(view.pair, board)

@@ -91,7 +91,6 @@ class CommissioningSession:
 
     @property
     def fault(self) -> str | None:
-        """The active fault."""
         fault: str | None = self.status()["fault"]
         return fault
 

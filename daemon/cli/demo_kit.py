@@ -85,7 +85,6 @@ class KitResult:
 
     @property
     def right(self) -> int:
-        """How many are seen right."""
         return sum(record["status"] == PlaceStatus.RIGHT for record in self.seen.values())
 
     @property

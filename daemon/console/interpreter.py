@@ -310,7 +310,6 @@ class Interpreter:
             raise CommandError(f"{command.name}: not permitted: this {frontend.name} is read-only ({RIGHTS})")
 
     async def _help(self, _: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-        """Show this screen, all commands, or one command."""
         every = {c.name: c.summary for c in self.commands.values()}
         if not words:
             return CommandResult(first_screen(self.commands.values()), {"commands": every})

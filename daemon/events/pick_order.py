@@ -54,7 +54,6 @@ class PickOrder(Struct, frozen=True):
         return labels.pop() if len(labels) == 1 else None
 
     def wants(self, label: str) -> bool:
-        """Whether a part with this label is wanted now."""
         return not self.steps or any(step.part == label for step in self._wanted)
 
     def place(self, label: str) -> str | None:

@@ -173,7 +173,6 @@ def _is_store(name: str) -> bool:
 
 
 def _folders_of(args: argparse.Namespace) -> list[str]:
-    """The stores and the run folders that were named."""
     runs = args.runs or folders.runs_last_used()
     return [name if _is_store(name) else str(find_run(runs, name)) for name in args.folders or ["latest"]]
 

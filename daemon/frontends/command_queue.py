@@ -166,7 +166,6 @@ class CommandQueue:
         task.add_done_callback(self._tasks.discard)
 
     async def end(self) -> None:
-        """Wait for all running tasks."""
         while self._tasks:
             await asyncio.wait(self._tasks)
 

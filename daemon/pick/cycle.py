@@ -118,7 +118,6 @@ class PickCycle:
 
     @property
     def beliefs(self) -> Beliefs:
-        """Who owns what is believed of arm and gripper."""
         return self.cell.robot.beliefs
 
     @property
@@ -524,7 +523,6 @@ class PickCycle:
         return None if count is None or not took else count * statistics.median(took)
 
     def _auto_over(self, _: asyncio.Task[list[CycleEnd]]) -> None:
-        """Also of one that was stopped before it began."""
         self._auto = False
 
     async def _run_auto(self) -> list[CycleEnd]:

@@ -176,7 +176,8 @@ async def choose(
         context.decide("give up", given_up, DecisionCode.GIVEN_UP)
         return PickEvent.NONE_LEFT
     for part in world.left(context):
-        if world.stale_looks < MOST_STALE and _is_stale(context, part.look):
+        age_s = context.cell.clock() - part.look.taken_s
+        if world.stale_looks < MOST_STALE and age_s > context.settings.limits.max_look_age_s / 2:
             world.stale_looks += 1
             return PickEvent.STALE
         shape = context.recogniser.shape(part.label)
@@ -250,11 +251,6 @@ def destination_of(context: PickContext, world: WorldModel, part: ObservedPart) 
         unusable = [table.unusable[p.name] for p in table.places.of(part.label) if p.name in table.unusable]
         return "; ".join(["none of its places is free", *unusable[:1]])
     return Destination(free, [goal.corners for goal in table.taken()], [goal.corners for goal in table.goals.values()])
-
-
-def _is_stale(context: PickContext, look: Look) -> bool:
-    """Whether a look is too old to begin an approach on."""
-    return context.cell.clock() - look.taken_s > context.settings.limits.max_look_age_s / 2
 
 
 def _may_look_again(context: PickContext, world: WorldModel, part: ObservedPart) -> bool:

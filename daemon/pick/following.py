@@ -1,4 +1,4 @@
-"""The part being picked, from look to look: found again, brought to the world, held against its neighbours.
+"""The target of a pick, from look to look: its pose by its edges, in the world and in the gripper; its neighbours.
 
 Values and geometry; nothing here moves, waits or writes a log.
 """
@@ -37,48 +37,47 @@ from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
 NEAR_MM = 60.0
-"""Facets farther than this from where the part's middle should be are not its own."""
+"""Facets farther than this from the expected centre of the part are not its own."""
 NEAR_POSE_MM = 15.0
-"""A pose is the one that is followed where no corner is farther off: symmetric parts have others that look the same."""
+"""A pose is that of the target if no corner is farther off: symmetric parts have other poses that look the same."""
 EMPTY_SHOWS, EMPTY_REACH_MM = 0.9, 1.0
-"""The share of an empty gripper's outline that proves it so, and how far from its place it is looked for. An empty one
-mostly shows whole; the print of a held part has looked like 0.82 of it."""
+"""Share of an empty gripper's outline that proves that it is empty, and the search distance. The outline of an empty
+gripper mostly shows whole; the print of a held part looked like 0.82 of it."""
 SHARE_IF_HELD = 0.9
-"""Of the length of its edges, what proves a part to be in the hand that closed around it. 237 held parts of printed
-ones over patterned tables showed 1.0 mostly, 0.95 nearly always and nothing where they were out of view; with the hand
-open, three of 711 looks showed as much."""
+"""Share of the length of its edges that proves that a part is in the closed gripper. Of 237 held printed parts over
+patterned tables, most showed 1.0, nearly all 0.95, and those out of view none; with the gripper open, three of 711
+looks showed as much."""
 SHARE_IF_RELEASED = 0.5
-"""Of the length of its edges, what must have gone as the gripper opened to prove that a part was in it. Two faces in
-the same light melt into one, so that not all of them need have shown."""
+"""Share of the length of its edges that must vanish when the gripper opens, to prove that it held the part. Not all
+edges show: two faces with the same brightness look like one."""
 EXACT = 1e-12
-"""Variance of what is taken to be without error."""
+"""Variance of a pose that is assumed to be exact."""
 AS_LIKELY = 0.9
-"""Of the most evidence that edges give for a pose, what another must have to be as likely. Facets taken for a gusset's
-neighbouring ones gave a pose 7.8 mm off, sure to .5 mm: .61 of the evidence, and .96 where it was named."""
+"""Share of the best pose's edge evidence that another pose must have to be as likely. Facets of a gusset confused with
+neighbouring ones gave a pose 7.8 mm off with a sigma of .5 mm: it had .61 of the evidence, the named pose .96."""
 MOST_TURNS = 3
-"""Turns of a round part about its axis that are fitted, of those that are tried."""
+"""Number of turns of a round part about its axis that are fitted, of all that are tried."""
 UNDECIDED_NATS = 3.0
-"""Nats by which a turn must be ahead of another for a look to decide between them. Where nine knobs were looked at from
-a side, fits within 2 degrees of the truth had the most, up to 6 less where they had not quite converged; those in
-another minimum, 6 degrees off and more, had 7 to 28 less."""
+"""Lead in nats by which a look decides between two turns. Of nine knobs seen from a side, fits within 2 degrees of the
+truth had the most nats, or up to 6 less if not fully converged; those in another minimum, at least 6 degrees off, had 7
+to 28 less."""
 FACETS_REACH_MM, REACH_MM = 2.0, 6.0
-"""How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
+"""Search distance for edges, from a pose by facets and from a pose expected before the look."""
 
 FINGER_EDGE_DEG = 0.2
-"""How far fingers turn what edges in the gripper say, per axis, besides what each edge is doubted by: 76 held parts
-were .15 to .45 degrees off where their edges said .15 to .25. Pentagonal prisms held across an edge were said to have
-slipped, half of them."""
+"""Rotation error per axis that the fingers' edges add to a pose in the gripper: 76 held parts were .15 to .45 degrees
+off where their edges predicted .15 to .25. Without it, half of the pentagonal prisms held across an edge were taken to
+have slipped."""
 FINGER_EDGE_COVARIANCE = np.diag([0.0] * 3 + [np.radians(FINGER_EDGE_DEG) ** 2] * 3)
 
 
 @dataclass(eq=False)
 class Target:
-    """The part being picked: what is known of it so far.
+    """The part being picked, with its estimates so far.
 
-    side_view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its
-    name.
-    looked_before: the look before the last one; measured_in_gripper: tool_from_part (4, 4) as it was measured in the
-    gripper; seen_at: (3,) world mm, the middle of what showed of it when it was chosen, by which it is known again.
+    side_view: (3, 3) tool rotation for looks, world, if it differs from that of the grasp; confidence: of its name;
+    looked_before: the look before the last one; measured_in_gripper: tool_from_part (4, 4) as measured in the gripper;
+    seen_at: (3,) world mm, the centre of its visible facets when it was chosen, which identifies it.
     """
 
     label: str
@@ -98,22 +97,22 @@ class Target:
 
     @property
     def way(self) -> SetDown | None:
-        """How it is to be set down at its place; None: it goes to the bin."""
+        """Its set-down at a place; None: it goes to the bin."""
         return self.plan.way
 
     @property
     def look_rotation(self) -> Array:
-        """(3, 3) how the tool is turned when looked at, world."""
+        """(3, 3) tool rotation for looks, world."""
         return self.plan.grasp.world_from_tool[:3, :3] if self.side_view is None else self.side_view
 
     @property
     def tool_from_part(self) -> Array:
-        """(4, 4) how the part is held once the planned grasp has closed on it."""
+        """(4, 4) pose of the part in the gripper after the planned grasp."""
         return frames.inverse(self.plan.grasp.world_from_tool) @ self.world_from_part
 
     @property
     def centre(self) -> Array:
-        """(3,) world mm: mean of the shape's corners where they are now thought to be."""
+        """(3,) world mm: mean of the shape's corners at the estimated pose."""
         return np.asarray(frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0))
 
 
@@ -182,7 +181,7 @@ def _fit_of_named_part(part: Part, shape: Polyhedron, near: Array) -> Fit | None
 def fit_pair_by_edges(shape: Polyhedron, taken: CapturedPair, near: Array, reach_mm: float) -> Fit | None:
     """A known part's pose by its edges in a pair, near (4, 4) cyclopean_from_part; None where they do not show there.
 
-    In a pair of one camera each picture says by itself where the part is, and the arm's errors at both places count.
+    In a pair of one camera each image gives a pose by itself, with the arm's error at its viewpoint.
     """
     stereo = taken.stereo
     if taken.moved is None:
@@ -223,7 +222,7 @@ def fit_pair_in_any_turn(
 
 
 def _nats_at(shape: Polyhedron, stereo: StereoImages, pose: Array) -> float:
-    """By how many nats edges and holes speak for a part at a pose (4, 4) cyclopean_from_part."""
+    """Evidence of edges and holes for a part at a pose (4, 4) cyclopean_from_part, nats."""
     from daemon.vision.evidence import hole_nats  # as undecided_turns
 
     samples = edge_samples_of(SolidBatch.of([shape]), stereo, pose[None], TOLERANCE_MM)
@@ -240,8 +239,8 @@ def _least_motion(shape: Polyhedron, one: Fit, other: Fit) -> Array:
 def _fit_where_expected(
     shape: Polyhedron, world_from_part: Array, estimate: Estimate | None, taken: CapturedPair
 ) -> Fit | None:
-    """A part's pose by its edges about where it is thought to lie, in whichever turn the estimate leaves open; None
-    where they do not show there."""
+    """A part's pose by its edges near its expected pose, in any turn that the estimate leaves undecided; None where
+    they do not show there."""
     near = frames.inverse(taken.world_from_cyclopean) @ world_from_part
     return fit_pair_in_any_turn(shape, taken, near, REACH_MM, undecided_turns(shape, estimate))
 
@@ -249,8 +248,8 @@ def _fit_where_expected(
 def expected_at(
     label: str, shape: Polyhedron, world_from_part: Array, confidence: float = 1.0, estimate: Estimate | None = None
 ) -> Expected:
-    """A part that a look should show, by its edges, where it is thought to lie (4, 4). confidence: of its name;
-    estimate: of the looks so far."""
+    """The part that a look should show, to be found by its edges near world_from_part (4, 4). confidence: of its name;
+    estimate: from the looks so far."""
     return Expected(label, confidence, shape, partial(_fit_where_expected, shape, world_from_part, estimate))
 
 
@@ -274,8 +273,8 @@ def mount_of(cell: Workcell) -> CameraMount:
 
 
 def shows_in_gripper(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
-    """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
-    does not."""
+    """Whether a pair shows the target in the gripper, in the pose in which it was grasped; False where it is out of
+    view."""
     near, stereo = _cyclopean_from_tool(taken, mount) @ target.tool_from_part, images_of_gripper(taken, mount)
     return any(
         clear_edge_fraction(target.shape, stereo, near, mm) >= SHARE_IF_HELD for mm in _search_reaches_mm(target, doubt)
@@ -283,8 +282,8 @@ def shows_in_gripper(target: Target, taken: CapturedPair, mount: CameraMount, do
 
 
 def shows_release(target: Target, before: CapturedPair, after: CapturedPair, mount: CameraMount, doubt: Doubt) -> bool:
-    """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
-    was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
+    """Whether two pairs from the same viewpoint, before and after the gripper opened, show that the target was in it
+    and left it. Edges that show in both belong to the background or to print."""
     near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     stereo = images_of_gripper(before, mount), images_of_gripper(after, mount)
     return any(
@@ -294,16 +293,16 @@ def shows_release(target: Target, before: CapturedPair, after: CapturedPair, mou
 
 
 def _search_reaches_mm(target: Target, doubt: Doubt) -> tuple[float, ...]:
-    """How far off its edges are sought in the gripper, mm: first no farther than where it was grasped may err, as the
-    fingers' edges run beside the part's; then as far as closing jaws may push it."""
+    """Search distances for its edges in the gripper, mm: first the error of the grasp, since the fingers' edges are
+    beside the part's; then as far as closing jaws may push it."""
     grasped = grasped_part(target, doubt)
     return (REACH_MM,) if grasped is None else (_held_reach_mm(target.shape, grasped, doubt), REACH_MM)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldPose:
-    """How a part is in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: the same weighed with how it was
-    grasped, covariance (6, 6) of that; chi2: how far these two are apart (6 degrees of freedom)."""
+    """Pose of a part in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: that fused with the pose of the
+    grasp, with covariance (6, 6); chi2: disagreement of the two (6 degrees of freedom)."""
 
     seen: Array
     pose: Array
@@ -312,20 +311,20 @@ class HeldPose:
 
 
 def held_pose(target: Target, taken: CapturedPair, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
-    """How the target is in the gripper; None where its edges do not show, or one camera took both pictures, so that
-    nothing says how far away the part is.
+    """Pose of the target in the gripper; None where its edges do not show, or a single camera took both images, which
+    leaves the distance of the part unknown.
 
-    Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's. Edges
-    are sought where it was grasped first, and no farther off than these errors allow: the fingers' edges run along the
-    part's, a few mm beside them.
+    Fuses the pose of the grasp (errors: the approach's and the arm's) with that by the edges (errors: the edges' and
+    the hand-eye's). Edges are searched no farther from the grasp's pose than these errors allow: the fingers' edges run
+    a few mm beside the part's.
     """
     grasped = grasped_part(target, doubt)
     return None if grasped is None else held_by_edges(target.shape, grasped, taken, mount, doubt)
 
 
 def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
-    """How the target is in the gripper as it was grasped, with what the approach and the arm may have erred by; None
-    where it was not measured."""
+    """Pose of the target in the gripper by the planned grasp, with the errors of approach and arm; None without an
+    estimate."""
     if target.estimate is None:
         return None
     tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
@@ -336,7 +335,7 @@ def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
 def held_by_edges(
     shape: Polyhedron, held: HeldPart, taken: CapturedPair, mount: CameraMount, doubt: Doubt
 ) -> HeldPose | None:
-    """How a part that was grasped so is in the gripper: see held_pose."""
+    """Pose of a held part in the gripper: see held_pose."""
     if mount.alone is not None:
         return None
     grasped = held.tool_from_part
@@ -357,8 +356,8 @@ def held_by_edges(
 
 
 def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array, doubt: Doubt) -> tuple[float, float]:
-    """One standard deviation of where the middle of a held part is in the world, mm, and of how it is turned, degrees,
-    over the three axes: by covariance (6, 6) of tool_from_part (4, 4), and by the arm's repeatability."""
+    """Standard deviations of a held part in the world: of its centre, mm, and its rotation, degrees, over all axes;
+    from the covariance (6, 6) of tool_from_part (4, 4) and the arm's repeatability."""
     arm = frames.lever_covariance(tool_from_part, doubt.arm(), np.eye(4))
     middle = frames.point_motion(tool_from_part[:3, :3] @ shape.corners_mm.mean(axis=0))
     both = covariance + arm
@@ -367,22 +366,23 @@ def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array,
 
 
 def _held_reach_mm(shape: Polyhedron, held: HeldPart, doubt: Doubt) -> float:
-    """How far a corner may show from where a part was grasped, mm: by the errors of the grasp and of the hand-eye."""
+    """Largest distance of a corner from its position by the grasp, mm: by the errors of the grasp and of the
+    hand-eye."""
     hand_eye = frames.lever_covariance(held.tool_from_part, doubt.shared()[:6, :6], np.eye(4))
     return largest_deviation_mm(shape, held.tool_from_part, held.covariance + hand_eye)
 
 
 def largest_deviation_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> float:
-    """How far a corner may be from where a pose has it that errs by a covariance (6, 6) in b, as long as its chi-square
-    is at most CHI_SQUARE_6."""
+    """Largest deviation of a corner, mm, for a pose error of covariance (6, 6) in b with a chi-square of at most
+    CHI_SQUARE_6."""
     motion = frames.point_motion(shape.corners_mm @ b_from_part[:3, :3].T)
     largest = np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1].max()
     return float(np.sqrt(pose_fusion.CHI_SQUARE_6 * largest))
 
 
 def shows_empty_gripper(taken: CapturedPair, mount: CameraMount, gripper: Gripper) -> bool:
-    """Whether a pair shows that the gripper took hold of nothing. Where the cameras do not have it in view, a part
-    hides it, or it looks the same with a part as without, it does not."""
+    """Whether a pair shows that the closed gripper is empty; False where it is out of view, a part hides it, or it
+    looks the same with a part."""
     empty = gripper.empty
     if empty is None:
         return False
@@ -395,8 +395,8 @@ def _cyclopean_from_tool(taken: CapturedPair, mount: CameraMount) -> Array:
 
 
 def images_of_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
-    """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
-    both."""
+    """A pair's images for objects that move with the cameras: in both images of a single camera these are at the same
+    place."""
     stereo = taken.stereo
     if mount.alone is None:
         return stereo
@@ -405,7 +405,7 @@ def images_of_gripper(taken: CapturedPair, mount: CameraMount) -> StereoImages:
 
 
 def sighting_of(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
-    """A fit in a look, brought to the world with its errors."""
+    """The sighting of a fit in a look: its pose in the world with its errors."""
     return _sighting(
         (fit.cyclopean_from_part, fit.covariance),
         (look.reading.world_from_tool, look.world_from_cyclopean, look.taken.pivot),
@@ -416,8 +416,8 @@ def sighting_of(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
 
 
 def least_error(mount: CameraMount, distance_mm: float, doubt: Doubt) -> Estimate:
-    """Lower bound of the error at the grasp: that of calibration and arm alone, after one perfect look straight at a
-    part, distance_mm away."""
+    """Lower bound of the error at the grasp: from calibration and arm alone, after an exact look at a part distance_mm
+    away."""
     seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, distance_mm])), EXACT * np.eye(6)
     pivot = mount.mounting.pivot if isinstance(mount.mounting, InWorld) else None
     there = np.eye(4), mount.mounting.world_from_cyclopean_at(np.eye(4)), pivot
@@ -454,7 +454,7 @@ def chi_squares_of_others(
     rig: StereoRig,
     doubt: Doubt,
 ) -> list[float]:
-    """Chi-squares of the parts that two looks both show; large ones have moved as well."""
+    """Chi-squares of the motion of the parts that both looks show; a large one means that the part moved as well."""
     found = []
     for old in before:
         shape = shape_of(old.label)

@@ -14,8 +14,8 @@ from daemon.pick.looks import Look
 
 @dataclass(frozen=True)
 class PickResult:
-    """What a pick has come to: its outcome, why in words, and the code of what caused it; None where nothing did that a
-    person would look for."""
+    """Result of a pick: its outcome, the reason as text, and the code of its cause; None where no cause needs
+    attention."""
 
     outcome: Outcome
     why: str
@@ -23,12 +23,12 @@ class PickResult:
 
 
 NOTHING_THERE = PickResult(Outcome.EMPTY, "nothing on the table that can be picked", None)
-"""Of a pick that has found nothing yet."""
+"""Result of a pick that has found nothing yet."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skipped:
-    """A part left alone: what it was taken for, where (3,) world mm, the outcome in a word, and why."""
+    """A skipped part: its label, its position (3,) world mm, the outcome, and the reason."""
 
     label: str
     centre: Array
@@ -68,13 +68,13 @@ class InGripper(StrEnum):
 
 
 def not_looked_at(label: str, where: str) -> PickResult:
-    """What a pick has come to as the gripper opens where the part is to go, before a look has judged that."""
+    """Result of a pick when the gripper opens at the destination, before a look has verified it."""
     why = f"{label} was released {where}; no look checked it"
     return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 
 def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
-    """How a pick ends whose gripper opened above the bin. above, opened: what it showed before, and after."""
+    """Result of a pick whose gripper opened above the bin. above, opened: what the looks before and after show."""
     if opened is not InGripper.PART and above is InGripper.PART:
         why = f"{label} showed in the gripper above the bin, and no longer once it had opened"
         return PickResult(Outcome.PICKED, why, None)
@@ -88,8 +88,8 @@ def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
 
 
 class Observer(Protocol):
-    """Called for each look and each pick, after its record is written. Whoever finds in it that the arm must stop asks
-    the supervisor to; nothing raised here stops it."""
+    """Called for each look and each pick, after its record is written. To stop the arm, an observer calls the
+    supervisor; an exception does not stop it."""
 
     def looked(self, look: Look) -> None:
         """A look was taken, in a pick or between."""
@@ -99,7 +99,7 @@ class Observer(Protocol):
 
 
 def notify(observer: Observer | None, what: Look | CycleEnd) -> None:
-    """Tell the observer, where there is one. What goes wrong there is reported by the event loop, and stops nothing."""
+    """Call the observer, if any. The event loop reports its exceptions; they stop nothing."""
     if observer is None:
         return
     try:

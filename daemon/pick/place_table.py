@@ -25,7 +25,6 @@ class PlaceTable:
 
     @property
     def labels(self) -> set[str]:
-        """The parts that have places."""
         return {place.part for place in self.places.places}
 
     def status(self, name: str) -> PlaceStatus:

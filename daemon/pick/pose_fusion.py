@@ -68,12 +68,10 @@ class Estimate:
 
     @property
     def predicted_mm(self) -> float:
-        """The distance."""
         return float(np.sqrt(np.trace(self.at_grasp[:3, :3])))
 
     @property
     def predicted_deg(self) -> float:
-        """The angle."""
         return frames.rms_deg(self.at_grasp[3:, 3:])
 
     def of_any_turn(self, axis: Array) -> "Estimate":

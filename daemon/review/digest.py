@@ -82,7 +82,6 @@ class Cycle:
 
     @property
     def why(self) -> str | None:
-        """Why it ended, in words."""
         return (self.end or {}).get("why")
 
     @property
@@ -177,7 +176,6 @@ class Digest:
 
     @property
     def stops(self) -> list[LookStep]:
-        """The looks of all cycles."""
         return [s for c in self.cycles for s in c.stops]
 
     def models(self) -> list[str]:
@@ -205,7 +203,6 @@ class Digest:
         return self._versions().get(self.models()[-1]) if self.models() else None
 
     def _versions(self) -> dict[str, int | None]:
-        """Version by kept model file."""
         return {r["file"]: r.get("version") for r in self.of("model") if r.get("file")}
 
     def kept(self, name: str) -> str | None:

@@ -315,7 +315,6 @@ def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def _run_cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """The run ends during the cycle."""
     if cycle.end is None and not cycle.of("fault"):
         evidence = f"the run ends during the cycle, after `{cycle.records[-1]['kind']}`"
         yield LikelyCause(CauseCode.CUT_OFF, 0.95, evidence, _last(cycle))

@@ -187,7 +187,6 @@ class ModbusServer:
         return list(values[address : address + count])
 
     async def async_setValues(self, _: int, __: int, address: int, values: Sequence[bool]) -> Any:  # noqa: N802
-        """Set coils, all or none."""
         from pymodbus.constants import ExcCodes
 
         names = COILS[address : address + len(values)]

@@ -91,7 +91,6 @@ class ProductionLine:
         return f"it is unknown how this controller reads an input: type `signal find {inputs[0]}` at a console"
 
     def names(self, inputs: bool) -> list[str]:
-        """Names of the inputs, or of the outputs."""
         return [name for name, signal in self.signals.items() if signal.is_input is inputs]
 
     def has(self, role: str) -> bool:

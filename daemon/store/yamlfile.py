@@ -70,7 +70,6 @@ class Document:
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
     def has(self, keys: tuple[Key, ...]) -> bool:
-        """Whether there is a value at `keys`."""
         return _value(self.data, keys) is not None
 
     def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
@@ -281,7 +280,6 @@ def _resolve_wildcards(keys: tuple[Key, ...], data: Any, problem: str, kind: typ
 
 
 def _put(data: Any, keys: tuple[Key, ...], value: Any) -> Any:
-    """A copy of data with this value at `keys`."""
     if not keys:
         return value
     if isinstance(data, list):

@@ -287,5 +287,4 @@ class Numbers:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the numbers, for people."""
         return ("commas are read as decimal points",) if self.commas else ()

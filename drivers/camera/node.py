@@ -44,7 +44,6 @@ class Linux:
     """The video nodes of the machine that facetd runs on."""
 
     def nodes(self) -> list[str]:
-        """Paths of all video nodes, by number."""
         numbers = (p.name.removeprefix("video") for p in Path("/sys/class/video4linux").glob("video*"))
         return [f"/dev/video{n}" for n in sorted(int(n) for n in numbers if n.isdigit())]
 

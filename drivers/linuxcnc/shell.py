@@ -29,7 +29,6 @@ class RemoteShell:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection."""
         return self._streams is not None
 
     async def open(self, name: str, password: str) -> None:

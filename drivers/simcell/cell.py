@@ -161,7 +161,6 @@ class SimulatedCell:
         self.truth = GroundTruth(self._settings, self.world, self._machine, self.world_from_tool)
 
     def _body(self) -> ArmSpheres:
-        """The body of the arm and of its mounted gripper."""
         settings, cup = self._settings, self._settings.suction
         gripper = finger_rods(settings.gripper) if cup is None else cup_rods(cup)
         return ArmSpheres([*settings.safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
@@ -297,7 +296,6 @@ class SimulatedCell:
             (controller.machine.inputs.add if high else controller.machine.inputs.discard)(number)
 
     def _vacuum_switch(self) -> None:
-        """Switch the input that the vacuum switch is wired to."""
         cup, machine = self._both.suction, self._machine
         if cup is None:
             return

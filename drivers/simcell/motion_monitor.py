@@ -74,7 +74,6 @@ class Timeline:
         self._values.append(value)
 
     def at(self, moment_s: float) -> float:
-        """The value at a moment."""
         return self._values[bisect_right(self._times, moment_s) - 1]
 
     def true_before(self, moment_s: float) -> float:

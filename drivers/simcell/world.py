@@ -92,7 +92,6 @@ class World:
 
     @property
     def held(self) -> PlacedPart | None:
-        """The part in the gripper, or None."""
         return next((part for part in self.parts if part.where is PartPlace.HAND), None)
 
     def mount(self, truth: Truth) -> None:

@@ -41,7 +41,6 @@ class Heard:
 
     @property
     def data(self) -> bytes:
-        """All received bytes."""
         return b"".join(piece for _, piece in self.pieces)
 
 

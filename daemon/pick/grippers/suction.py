@@ -161,7 +161,6 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return Grasps(found, "; ".join(reasons[:MOST_REASONS]))
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
-        """See Gripper."""
         shape = shape if shape.facets else hull(shape.corners_mm)
         heavy = weight_and_centroid(shape, self.density_g_cm3)
         taken, reasons = list[str](), list[str]()

@@ -126,7 +126,6 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return Grasps(found, "" if found else why)
 
     def takes(self, shape: Polyhedron, error_mm: float) -> str:
-        """See Gripper."""
         return ""
 
     def sweeps(self, world_from_tool: Array, neighbour: Array) -> bool:

@@ -1,11 +1,10 @@
 """Plan regrasps: place a part on the table between two grasps, to reach a side that one grasp cannot. Pure.
 
-A graph: its nodes are a part that lies on one of its stable sides, and a grasp of it there; an edge is one pick and
-set-down with that grasp, reached all the way at both ends, the hand clear of the table and of what lies beside. The
-shortest way through it is the plan, of at most MOST_GRASPS grasps.
-What hangs on part and gripper alone (sides, grasps, which grasp keeps the hand off the table on which side) is worked
-out once (`grasp_table`); what hangs on where things lie now is asked of the arm, for many poses at once.
-Source: Tournassoud, Lozano-Perez and Mazer, Regrasping (1987); D'Souza leaves it open.
+The nodes of a graph are a part on one of its stable sides with a grasp of it there; an edge is a pick and set-down with
+that grasp, which the arm can reach at both ends with the hand clear of the table and of obstacles. The shortest path is
+the plan, of at most MOST_GRASPS grasps. Results that depend only on part and gripper (sides, grasps, which grasp keeps
+the hand clear of the table on which side) are computed once (`grasp_table`); reachability is computed for the present
+scene, for many poses at once. Source: Tournassoud, Lozano-Perez and Mazer, Regrasping (1987); D'Souza leaves it open.
 """
 
 from collections import OrderedDict
@@ -51,25 +50,25 @@ from daemon.store.place_file import Place, PlaceSettings, about_vertical
 from daemon.vision.geometry import Polyhedron, StereoRig
 
 MOST_GRASPS = 3
-"""Of one plan."""
+"""Maximum number of grasps of a plan."""
 HEADINGS = 16
-"""So many ways, evenly, a part is laid down turned."""
+"""Number of evenly spaced headings for a set-down."""
 MOST_SPOTS = 12
-"""So many free ones are tried for each side."""
+"""Maximum number of free spots tried for each side."""
 RELEASE_MM = 0.5
 """Height over the table at which the gripper opens."""
 AS_LAID_MM, AS_LAID_DEG = 10.0, 10.0
-"""A part that is seen this near to how it was laid down has not toppled."""
+"""A part this near to its set-down pose has not toppled."""
 ROUND_MM = 0.1
-"""A face of the convex hull that a curved surface bulges out of by more is no side to lie on."""
+"""A face of the convex hull beyond which a curved surface bulges by more is no stable side."""
 MOST_TABLES = 32
 
 
 @dataclass(frozen=True, eq=False)
 class GraspTable:
-    """What hangs on part and gripper alone. lying (S, 4, 4): how the part can lie, on a table at z = 0, above the
-    origin; reach_mm (S,): how far it reaches from there along the table. Of G grasps: grasps, and side (G,) on which
-    each was found, both there; part_from_tool (G, 4, 4)."""
+    """Grasps of a part by a gripper on all its stable sides. lying (S, 4, 4): its stable poses at the origin of a table
+    at z = 0; reach_mm (S,): its radius there along the table. Of G grasps: grasps, and the side (G,) of each;
+    part_from_tool (G, 4, 4)."""
 
     lying: Array
     reach_mm: Array
@@ -93,7 +92,7 @@ def grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTa
 
 
 def work_out_grasps(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspTable:
-    """The grasps of a part on each side that it rests on, worked out anew."""
+    """Compute the grasps of a part on each of its stable sides."""
     lying = resting_poses(shape)
     reach = [np.linalg.norm(frames.apply(pose, shape.corners_mm)[:, :2], axis=1).max() for pose in lying]
     found = [(n, grasp) for n, pose in enumerate(lying) for grasp in gripper.grasps(shape, pose, 0.0, error_mm).found]
@@ -104,9 +103,9 @@ def work_out_grasps(shape: Polyhedron, gripper: Gripper, error_mm: float) -> Gra
 
 
 def resting_poses(shape: Polyhedron) -> Array:
-    """(S, 4, 4) how a part of one material can lie on a table at z = 0, the middle of what it rests on at the origin:
-    on each of its own sides, and each face of its convex hull, that its mass centre is above; on nothing round. Raises
-    ValueError where the corners span no volume."""
+    """(S, 4, 4) stable poses of a part of uniform density on a table at z = 0, the centre of the supporting face at the
+    origin: on each of its sides and each face of its convex hull that supports its centre of mass, except curved ones.
+    Raises ValueError where the corners span no volume."""
     ground, mass = hull(shape.corners_mm), centre_of_mass(contact_hull(shape))
     round_mm = np.concatenate([shape.covers.reshape(-1, 3), *(arc.points_mm for arc in shape.arcs)])
     found = [shape.flat_from_solid[side] for side in stable_sides(shape)]

@@ -96,7 +96,6 @@ class Controller:
                 self.abort(by_others=by_others)
 
     def output(self, now_s: float) -> bytes:
-        """Bytes printed up to now."""
         printed = bytearray()
         while self._output and self._output[0][0] <= now_s:
             printed += self._output.popleft()[1]
@@ -127,7 +126,6 @@ class Controller:
 
     @property
     def question(self) -> str | None:
-        """The open question, or None."""
         return self._waits_for.question if isinstance(self._waits_for, Ask) else None
 
     # What may happen to it
