@@ -157,7 +157,7 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.VERIFY, context, world)
-    for denial in ("still_there", "knocked_away", "came_back_empty"):
+    for denial in ("is_still_there", "knocked_away", "shows_empty_gripper"):
         monkeypatch.setattr(take, denial, lambda *_: True)
     monkeypatch.setattr(take, "shows_in_gripper", lambda *_: True)
     assert step(context, world, PickState.VERIFY) is PickEvent.GONE
