@@ -288,7 +288,7 @@ def _completion(words: list[str], socket_path: Path | None) -> int:
     if words[:1] == ["of"]:
         print("\n".join(_completions(words[1:], socket_path)))
         return DONE
-    from daemon.cli.completion import SHELLS, script
+    from daemon.cli.shell_completion import SHELLS, script
 
     if len(words) != 1 or words[0] not in SHELLS:
         print(f"facetctl: usage: facetctl {OWN['completion'][0]}", file=sys.stderr)

@@ -3,7 +3,7 @@
 Every motion of arm and gripper goes through this package. It knows nothing of picks.
 """
 
-from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, HeldPart, Reading, VoidingEvent
+from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, HeldPart, Reading, VoidingEvent
 from daemon.arm.body import (
     Capsule,
     FixtureBox,
@@ -36,7 +36,6 @@ from daemon.arm.motion import (
     MovedByOthersError,
     Mover,
     MoveRefusedError,
-    NotSentError,
     OutOfReachError,
     Reach,
 )
@@ -45,9 +44,8 @@ from daemon.arm.operators import JobEvent, OperatorRefusedError, RefusedError, o
 from daemon.arm.paths import speed_pct
 from daemon.arm.permission import Fault, Grant, MotionPermission
 from daemon.arm.plausible import Implausible
-from daemon.arm.robot import ArmModel, ControllerMonitor, HeldBackError, Kinematics, Robot, StopRefusedError
+from daemon.arm.robot import ArmModel, ControllerMonitor, HeldBackError, Robot, StopRefusedError
 from daemon.arm.route import PATH_MM
-from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
-from daemon.arm.stopping import ABORT_S
+from daemon.arm.settling import NotSettledError, Settling, settled_pair
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import CAMERA_NAMES, CameraName, Picture, Pictures, Recorder, Workcell

@@ -34,7 +34,7 @@ from daemon.vision.values import FacetView, Scene
 
 
 class MisleadingImagesError(VisionError):
-    """A pair that shows something else than what is there. findings: the measures beyond their limits, one at least."""
+    """A pair that does not show the scene. findings: the measures beyond their limits, at least one."""
 
     def __init__(self, findings: Sequence[Finding]) -> None:
         super().__init__("; ".join(map(str, findings)))
@@ -43,15 +43,15 @@ class MisleadingImagesError(VisionError):
         self.code = BY_MEASURE[findings[0].name]
 
     def __reduce__(self) -> tuple[type, tuple[object]]:
-        """As it comes out of a worker process."""
+        """For transfer from a worker process."""
         return type(self), (self._measures,)
 
 
 @dataclass(frozen=True, eq=False)
 class CapturedPair(ByReference):
-    """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
-    the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one camera was for
-    each picture, None where both are of one moment; pivot: that of fixed cameras (see InWorld), None on the hand."""
+    """A pair of still images, and the pair before it; reading: the arm's position after it; settled_s: from the arm's
+    rest to the first still pair; rig and world_from_cyclopean: of this pair; moved: viewpoints of a single camera, None
+    where both images are simultaneous; pivot: of fixed cameras (see InWorld), None for cameras on the gripper."""
 
     before: Pictures
     pictures: Pictures
@@ -69,14 +69,14 @@ class CapturedPair(ByReference):
 
     @property
     def stereo(self) -> StereoImages:
-        """Both images made ready for edges."""
+        """Both images, prepared for edge detection."""
         return open_stereo(*self.images, self.rig)
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """The one part that a look should show: its name, how sure that is, its shape; fit: a pair in, its pose, or None,
-    out."""
+    """The part that a look should show: its name with confidence, and its shape; fit: computes its pose in a pair, or
+    None."""
 
     label: str
     confidence: float
@@ -85,7 +85,7 @@ class Expected:
 
 
 LEAST_CHANGE = 1.05
-"""A change of exposure by less than that factor is none: the cameras are at their end, or count in coarser steps."""
+"""A smaller change of exposure counts as none: the cameras are at their limit, or have coarser steps."""
 ONLY_TRACKED = Scene((), (), FacetView((), (), (), (), np.nan), ("only what was expected was looked for",))
 
 
@@ -114,7 +114,7 @@ class Look(ByReference):
 
     @property
     def reading(self) -> Reading:
-        """Where the arm was after it."""
+        """The arm's position after it."""
         return self.taken.reading
 
     @property
@@ -124,7 +124,7 @@ class Look(ByReference):
 
     @property
     def viewpoints(self) -> tuple[Array, Array]:
-        """(3,) world mm: where the left and the right camera looked from."""
+        """(3,) world mm: positions of the left and the right camera."""
         left, right = (
             self.world_from_cyclopean @ camera.cyclopean_from_camera
             for camera in (self.taken.rig.left, self.taken.rig.right)
@@ -139,8 +139,8 @@ def epipolar_px(scene: Scene) -> float:
 
 
 async def capture_pair(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> CapturedPair:
-    """Wait until the images are still. reading: where the arm is; rest_s: since when, on the cell's clock. Raises what
-    settled_pair does."""
+    """Capture a pair once the images are still. reading: the arm's position; rest_s: time from which it is at rest, on
+    the cell's clock. Raises the errors of settled_pair."""
     pair = await settled_pair(cell, rest_s, settling)
     world_from_cyclopean = cell.mounting.world_from_cyclopean_at(reading.world_from_tool)
     pivot = cell.mounting.pivot if isinstance(cell.mounting, InWorld) else None
@@ -216,9 +216,9 @@ def _seen(recogniser: PartRecogniser, taken: CapturedPair, table: TablePlane | N
 
 
 async def adjust_exposure(cell: Workcell, look: Look) -> str | None:
-    """Set both cameras' exposure by what a whole look saw, where its light was wrong: what was done, or None.
+    """Correct both cameras' exposure from a whole look. Returns the change as text, or None.
 
-    Looks from before stay true: exposure changes levels, not places.
+    Earlier looks stay valid: exposure changes brightness, not positions.
     """
     wanted = exposure_factors(look.taken.images, look.scene.parts)
     if wanted is not None and cell.alone is not None:  # one camera took both
@@ -230,7 +230,7 @@ async def adjust_exposure(cell: Workcell, look: Look) -> str | None:
 
 
 async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -> Look:
-    """The same look with everything in view looked for."""
+    """The same look, with all parts in view recognised."""
     if look.tracked is None:
         return look
     scene = await compute(_seen, recogniser, look.taken, look.table)
@@ -238,8 +238,8 @@ async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -
 
 
 def pair_health(taken: CapturedPair) -> tuple[Finding, ...]:
-    """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
-    Raises MisleadingImagesError."""
+    """Image health of a pair, without its sharpness, which the edges of an expected part prove. Raises
+    MisleadingImagesError."""
     earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images
     shown_again = images[0] is earlier[0]  # a recorded pair held still, not a camera that repeats itself
     health = examine(images, None if shown_again else earlier, taken.rig, sharp=False)
@@ -259,7 +259,7 @@ def log_look(
     purpose: str,
     expected: Expected | None = None,
 ) -> None:
-    """Write a look to the run log, with both images and what it hints at of the calibration."""
+    """Write a look to the run log, with both images and its clue on the calibration."""
     scene = recogniser.report(look.scene)
     if not look.scene.parts and recogniser.labels:
         nothing = cause_of_nothing(look.taken.images)
@@ -296,8 +296,8 @@ def log_look(
 
 
 def tracked_json(expected: Expected, fit: Fit, rig: StereoRig) -> dict[str, object]:
-    """A part that was found again by its edges as report.part_json has one, for whoever draws it: the facets of its
-    shape that face the cameras, as they must lie."""
+    """JSON of a part tracked by its edges, as by report.part_json, for drawing: the facets of its shape that face the
+    cameras, at its pose."""
     corners = frames.apply(fit.cyclopean_from_part, expected.shape.corners_mm)
     towards = expected.shape.facing(fit.cyclopean_from_part) > 0.0
     return {

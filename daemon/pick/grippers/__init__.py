@@ -6,14 +6,3 @@ Pure functions on arrays. What moves a gripper is the arm's, what its sensor rep
 from daemon.pick.grippers.gripper import Gripper, PlannedGrasp
 from daemon.pick.grippers.suction import SuctionCup
 from daemon.pick.grippers.two_fingers import TwoFingers, centre_of_mass, contact_hull, hull, tool_rotation
-
-__all__ = [
-    "Gripper",
-    "PlannedGrasp",
-    "SuctionCup",
-    "TwoFingers",
-    "centre_of_mass",
-    "contact_hull",
-    "hull",
-    "tool_rotation",
-]

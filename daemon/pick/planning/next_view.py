@@ -1,10 +1,9 @@
-"""The next best view: where a look is expected to settle most for its time.
+"""The next best view: the viewpoint with the largest expected reduction of entropy per second.
 
-What lies there is one of some hypotheses: a taught part in a pose, or something that was not taught. Each says which
-facets a look from a place shows, those left out that are turned away or covered; a facet that shows is found as often
-as it was measured to be. Where hypotheses say the same, a look says nothing; where they differ, by more than the
-cameras err, it tells them apart. Pure: hypotheses and places in, bits and an order out.
-Source: expected entropy after an observation (Lindley 1956); of views, Denzler and Brown (2002).
+An unnamed object has hypotheses: taught parts in poses, and an untaught object. Each predicts which facets a look from
+a viewpoint shows, without those that face away or are covered; a visible facet is detected at a measured rate. A look
+distinguishes hypotheses whose predictions differ by more than the cameras' error. Pure: hypotheses and viewpoints in,
+bits and an order out. Source: expected entropy after an observation (Lindley 1956); of views, Denzler and Brown (2002).
 """
 
 from collections.abc import Sequence
@@ -25,30 +24,30 @@ from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, chi_squar
 from daemon.vision.values import UNKNOWN, Group
 
 CLOSE_MM = 340.0
-"""From how far a part that could not be named is looked at again."""
+"""Viewing distance for a further look at an unnamed part."""
 TILTS_DEG = (5, 20, 35, 50)
-"""How far from straight down."""
+"""Tilts of these viewpoints from straight down."""
 COSINES, DETECTION_RATES = (0.1, 0.15, 0.25, 0.35, 0.5, 0.85, 0.95), (0.0, 0.15, 0.6, 0.85, 0.9, 0.87, 0.5)
-"""How often a facet that shows whole is found, by its cosine to the cameras (tests/bench/long/looks.py)."""
+"""Detection rate of a wholly visible facet by its cosine to the cameras (tests/bench/long/looks.py)."""
 COVERED_FACTOR = 0.55
-"""Of these, how many are found where another thing covers a little of it, or all."""
+"""Factor on that rate where another object covers any of the facet."""
 LEAST_CHANCE, MOST_HYPOTHESES = 1e-3, 24
-"""Hypotheses less likely than this, and beyond so many, are not asked for places."""
+"""Hypotheses less likely than this, or beyond this number, are left out of the choice of viewpoints."""
 MOST_FACETS = 8
-"""Of the facets by which hypotheses differ, how many are reckoned with."""
+"""Maximum number of distinguishing facets that are used."""
 LEAST_SHARE = 0.005
 IN_TABLE_MM = 6.0
-"""So far into the table a part may be thought to reach, its pose being in doubt."""
+"""A hypothesis may reach this far into the table, since its pose is uncertain."""
 LEAST_BITS = 0.02
-"""What a look is expected to settle at least to be worth it."""
+"""Least expected gain that is worth a look."""
 SAME_FACET_TAIL = 1e-3
-"""Facets whose corners lie as far apart as so few do that are the same are two."""
+"""Facets are different if the same facet's corners are this far apart with less than this probability."""
 
 
 @dataclass(frozen=True, eq=False)
 class PartHypothesis:
-    """What may lie there: solid at world_from_part (4, 4), whose covariance is (6, 6); facets: the solid's behind each
-    facet that was seen. Of something not taught, UNKNOWN, the solid is what was seen of it."""
+    """A hypothesis for an object: solid at world_from_part (4, 4) with covariance (6, 6); facets: the solid's facet for
+    each observed one. For an untaught object, UNKNOWN, the solid consists of the observed facets."""
 
     label: str
     solid: Polyhedron
@@ -60,8 +59,8 @@ class PartHypothesis:
 
 @dataclass(frozen=True, eq=False)
 class HypothesisSet:
-    """Hypotheses that look different, each once, and which of their facets are one: numbers, for each hypothesis one a
-    facet; the first `seen` of them were seen."""
+    """Distinct hypotheses, with a number for each facet of each: equal numbers mean the same facet in space. The first
+    `seen` numbers are of observed facets."""
 
     hypotheses: tuple[PartHypothesis, ...]
     numbers: tuple[Array, ...]
@@ -69,7 +68,7 @@ class HypothesisSet:
 
     @property
     def chances(self) -> Array:
-        """(H,) probabilities, of 1 together."""
+        """(H,) normalised probabilities."""
         every = np.array([h.probability for h in self.hypotheses])
         return np.asarray(every / every.sum())
 
@@ -81,7 +80,7 @@ class HypothesisSet:
 
 @dataclass(frozen=True)
 class Gain:
-    """What a look from a place, by its number, is expected to bring: bits, and after how many seconds."""
+    """Expected gain of a look from a viewpoint, by its number: bits, and the time until then."""
 
     place: int
     bits: float
@@ -129,7 +128,7 @@ def untaught_hypothesis(part: ObservedPart, group: Group | None = None, probabil
 
 
 def _above(h: PartHypothesis, table_z_mm: float) -> bool:
-    """Whether the part would not lie in the table."""
+    """Whether the hypothesis does not reach into the table."""
     return bool(frames.apply(h.world_from_part, h.solid.corners_mm)[:, 2].min() > table_z_mm - IN_TABLE_MM)
 
 
@@ -188,7 +187,7 @@ def distinct_hypotheses(hypotheses: Sequence[PartHypothesis], rig: StereoRig) ->
 
 
 class _FacetsInSpace:
-    """Facets in space, each once, as they are met."""
+    """Distinct facets in space, numbered in the order in which they are added."""
 
     def __init__(self) -> None:
         self.corners: list[Array] = []
@@ -211,7 +210,7 @@ class _FacetsInSpace:
         return np.array(found, np.intp)
 
     def _same(self, corners: Array, covariance: Array) -> int:
-        """The first facet that is in this place, the next number where there is none."""
+        """The number of the first facet at this position, or the next number."""
         count = len(corners)
         most, middle = chi_square_limit(3 * count, SAME_FACET_TAIL), corners.mean(0)
         for number, (other, its) in enumerate(zip(self.corners, self.covariances, strict=True)):
@@ -258,7 +257,7 @@ def without_seen_facets(competing: HypothesisSet, shows: Array) -> HypothesisSet
 
 
 def ranked_gains(competing: HypothesisSet, shows: Array, seconds: Sequence[float]) -> list[Gain]:
-    """Places, by their numbers, the one first that is expected to settle most bits a second. shows (V, H, C)."""
+    """Gains of the viewpoints, by expected bits per second, largest first. shows (V, H, C)."""
     before, chances = competing.entropy, competing.chances
     gains = [Gain(v, max(before - expected_entropy(chances, one), 0.0), seconds[v]) for v, one in enumerate(shows)]
     return sorted(gains, key=lambda g: -g.bits / g.seconds)
@@ -267,14 +266,14 @@ def ranked_gains(competing: HypothesisSet, shows: Array, seconds: Sequence[float
 def viewpoints_round(
     centre: Array, mounting: CameraMounting, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
 ) -> list[Array]:
-    """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
+    """Viewpoints around an object at centre (3,), world: world_from_tool (4, 4) each."""
     x, y, z = (float(v) for v in centre)
     views = [SurveyView((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
     return [view.pose(mounting) for view in views]
 
 
 def reachable_poses(poses: Sequence[Array], reach: Reach) -> list[Array]:
-    """Those of the poses, world_from_tool (4, 4), that the arm can reach."""
+    """The poses, world_from_tool (4, 4), that the arm can reach."""
     return list(compress(poses, reach.allows_each(np.reshape(poses, (-1, 4, 4)))))
 
 
@@ -302,6 +301,6 @@ def next_best(
 def farthest_viewpoint(
     centre: Array, centres: Sequence[Array] | Array, centres_before: Sequence[Array] | Array
 ) -> list[int]:
-    """Places, by their numbers, the farthest round a point from all looks before first."""
+    """Viewpoints, by their numbers, in order of the angle about a point from all earlier ones, largest first."""
     away = [min(viewpoints.angle_at(centre, place, old) for old in centres_before) for place in centres]
     return sorted(range(len(away)), key=lambda place: -away[place])
