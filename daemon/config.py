@@ -323,7 +323,9 @@ def with_mounted(config: Config, mounted: MountedGripper | None) -> Config:
     values, document = config.values, config.document
     for keys in (("pick", "gripper"), ("arm", "flange_from_tool")):
         if document.has(keys):
-            raise document.error(keys, "expected it for each gripper in the section grippers; delete it here")
+            raise document.error(
+                keys, "expected this key for each gripper of the section grippers, and not here: delete it here"
+            )
     limits = values.pick.limits
     if limits.capsules != ARM and any(piece.link == "tool" for piece in limits.capsules):
         problem = "expected no piece with the link tool beside the section grippers: give what stays the link wrist"

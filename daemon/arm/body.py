@@ -163,7 +163,7 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
     return Capsule(name, "tool", point_of(start), point_of(end), radius)
 
 
-PERHAPS_HELD = "what may be in the gripper"
+PERHAPS_HELD = "a part perhaps in the gripper"
 
 
 def held_anyhow(parts_mm: Iterable[Array], back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:

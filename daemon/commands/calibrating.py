@@ -66,7 +66,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     stereo    both cameras and hand-eye, from a tour of 28 poses (about ten minutes on a real arm)
     camera    the same for a cell with one camera
     by-hand   both cameras, from a board that you hold; nothing moves, messages say which view is missing
-    hand-eye  where the cameras are, on the arm or in the world, from a tour of 16 poses; their own calibration stays
+    hand-eye  where the cameras are, on the arm or in the world, from a tour of 16 poses; nothing else changes
     verify    8 new poses: errors in mm and px, passed or failed
     touch     the gripper moves above a corner of the board; you type how far off it is
     list      the calibrations made here, and that of facetd.yaml (0); `use N` takes one into use
@@ -116,7 +116,7 @@ def _check_cameras(context: CommandContext, kind: str) -> None:
         cameras = "one camera" if one else "two cameras"
         raise CommandError(f"calibrate {kind}: this cell has {cameras}: `calibrate {wrong[kind]}`")
     if one == "right":
-        raise CommandError("calibrate: a cell with one camera has it as cameras.left: change facetd.yaml")
+        raise CommandError("calibrate: name the only camera cameras.left in facetd.yaml")
     if one and kind != "camera" and context.calibration.alone is None:
         raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first")
 
@@ -195,7 +195,7 @@ async def _store_and_use(context: CommandContext, before: Calibration, after: Ca
         used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
             calibrations.use(used)
-            raise CommandError(f"another calibration came into use meanwhile; `calibrate use {number}` takes this one")
+            raise CommandError(f"another calibration came into use meanwhile; `calibrate use {number}` uses this one")
         return lambda: calibrations.use(used)
 
     try:

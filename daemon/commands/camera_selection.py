@@ -11,7 +11,7 @@ WORDS = ("left", "right", "both", "moving")
 USAGE = "cameras [left|right|both|moving]"
 OTHER: dict[CameraName, CameraName] = {"left": "right", "right": "left"}
 COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
-UNMEASURED = "not measured: too little moved to and fro; repeat, with print all over the view"
+UNMEASURED = "not measured: too little moved in view; repeat, with a newspaper that fills the view"
 CAMERA_SOURCES = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
 """Sources of faults that a camera may have caused."""
 PERHAPS_KNOCKED = (CauseCode.CAMERA_KNOCKED, CauseCode.LOOKS_DISAGREE)
@@ -23,8 +23,8 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
 
     left, right   that camera alone, when the other is missing, dark or frozen; the arm moves it between two images
     both          both again, after a test that they still agree with the calibration
-    moving        measure for a rolling shutter while you move a newspaper to and fro before the cameras
-    Without a word both cameras are tested and shown, also whether they hold exposure and focus; nothing moves.
+    moving        test for a rolling shutter: you move a newspaper to and fro before the cameras
+    Without a word facetd tests both cameras, also whether they hold exposure and focus; nothing moves.
     """
     if not words:
         return await _show(context)
@@ -74,7 +74,7 @@ async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResul
         raise CommandError("a shutter cannot be measured on recorded pictures")
     asked = "Move a newspaper that fills the view to and fro, about once a second, until the answer comes. Start? [y/n]"
     if frontend.asks and not await yes_or_no(frontend, asked):
-        raise CommandError("not measured")
+        raise CommandError("cancelled; nothing was measured")
     trial = shutters(context.hardware.cameras, context.hardware.clock)
     found = await context.cycle.supervisor.run("look at a moving scene", trial, moves=False)
     context.shutters = {**(context.shutters or {}), **found}

@@ -29,7 +29,7 @@ SPOIL = CANCEL + b"!!\r"
 GREETING = "The controller's own terminal. Control-] returns, control-C stops the arm."
 LEFT = "\nYou left the controller's terminal. facetd waits until the arm is at rest, and stops a motion that goes on."
 ASKED = "this may move the arm, and the guard does not check it. Send it? [y/n]"
-NO_TURNING_OVER = "it changes the arm configuration, which facetd does not know (turn the joints by DO DRIVE instead)"
+NO_TURNING_OVER = "it may turn shoulder, elbow or wrist over (turn the joints by DO DRIVE instead)"
 POLL_S = 0.2
 """Interval of the check that the controller's line is still open."""
 ANSWER_AFTER_S = 0.3
@@ -53,8 +53,8 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
     power-up       answer the questions that the controller asks after power-up (Y Y unless you give others)
     cal            calibrate the arm: it finds its zero; `enable` first
     monitor TEXT   send one line and show the answer
-    monitor        the controller's own terminal, every line logged; control-] returns, control-C and `stop` stop
-    A line that may move the arm must be confirmed. `pause` and `stop` work; the guard does not check where it goes.
+    monitor        the controller's own terminal, every line logged; control-] returns, control-C stops the arm
+    A line that may move the arm must be confirmed. `pause` and `stop` work; the guard does not check its path.
     """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
     arm, supervisor = _monitor_of(context), context.cycle.supervisor

@@ -26,17 +26,17 @@ async def gripper(context: CommandContext, words: list[str], frontend: Frontend)
     """Show the grippers that the cell knows; say which one is mounted.
 
     gripper            each gripper: its kind, where its tool centre point is, and which is mounted
-    gripper use cup    you have mounted the cup. facetd sets TOOL to it, guards its body and grasps with it. The arm is
-                       disabled, and you say what the gripper holds (`holding yes`, `holding no`) before it moves
-    Refused while a job runs, while the arm moves, and while a part is in the gripper. The choice outlives a restart.
-    Grippers are the section `grippers` of facetd.yaml.
+    gripper use cup    you have mounted the cup: facetd sets TOOL to it, guards its body, grasps with it, and disables
+                       the arm. Before the arm moves, report what the gripper holds (`holding yes`, `holding no`)
+    Refused while a job runs, while the arm moves, and while a part is in the gripper. facetd keeps the choice after a
+    restart. The section `grippers` of facetd.yaml describes the grippers.
     """
     if not words:
         return _show(context, frontend)
     one_of(words, 0, ("use",), "word", USAGE)
     config = context.config
     if not config.values.grippers:
-        raise CommandError("facetd.yaml describes one gripper: write each by its name into the section `grippers`")
+        raise CommandError("facetd.yaml describes only one gripper: describe each in the section `grippers`")
     name = one_of(words, 1, config.values.grippers, "gripper", USAGE)
     no_more(words, 2, USAGE)
     if name == config.gripper:

@@ -29,7 +29,7 @@ async def job(context: CommandContext, words: list[str], frontend: Frontend) -> 
 
     job list         every job, and what is wrong with one that cannot be run
     job show kit     its steps
-    job run kit 5    do it five times (once, without a number); the command returns at once
+    job run kit 5    run it five times (without a number: once); the command returns at once
     job run kit signal   wait for the line before each part (docs/operate/signals.md)
     A job is a file in jobs/ beside facetd.yaml. `auto off` ends it after the current part, `auto wait` follows it,
     `auto resume` continues it where it was interrupted.

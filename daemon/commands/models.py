@@ -59,7 +59,7 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
         frontend.shown = candidate
         raise CommandError(
             f"not accepted: somebody trained meanwhile. You saw version {shown}, the candidate is now version "
-            f"{candidate}: `try` tests it, `accept` again takes it, `model use {shown}` takes the other"
+            f"{candidate}: `try` tests it, `accept` again takes {candidate}, `model use {shown}` takes {shown}"
         )
     await _confirm_during_pick(context, frontend)
     pairs = [] if candidate is None else confusable_pairs(await _coverages(context, candidate))

@@ -58,7 +58,7 @@ async def _ask_robot_only(context: CommandContext, frontend: Frontend) -> Grant:
     """Ask whether to enable the arm for `robot` only. Raises CommandError on anything but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
-        raise CommandError(f"{lack} (measure one with a ruler to begin with); to use `robot cal`, enable at a console")
+        raise CommandError(f"{lack}: measure one with a ruler. For `robot cal` alone, enable at a console")
     if not await yes_or_no(frontend, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
     return Grant.TYPED_LINES
@@ -90,10 +90,10 @@ def _stop_result(alarm: str | None, text: str) -> CommandResult:
 async def resume(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Continue after `pause`, or clear a fault.
 
-    Clearing a fault starts nothing: use `pick`, `auto on` or `auto resume` then. If an auto was interrupted, you
-    are asked whether to enable the arm and continue it; after n the fault is cleared and nothing moves.
-    After a camera fault both cameras are tested; if one works, you are asked whether to use it alone.
-    Refused while the arm is being stopped, and within one second of somebody else's `pause`.
+    Clearing a fault starts nothing: use `pick`, `auto on` or `auto resume` then. If an auto was interrupted, facetd
+    asks whether to enable the arm and continue it; if you answer n, it clears the fault and nothing moves.
+    After a camera fault facetd tests both cameras; if only one works, it asks whether to use that one alone.
+    Refused while a stop is under way, and within one second of somebody else's `pause`.
     """
     supervisor = context.cycle.supervisor
     refuse_hasty_resume(context, frontend)
@@ -133,7 +133,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         try:
             await context.begin_auto(pick_order)
         except RefusedError as refused:  # another operator was faster; report that the fault is cleared all the same
-            lines.append(f"{left}; it was not continued: {refused}. After that: `auto resume`.")
+            lines.append(f"{left}. facetd did not continue it: {refused}. Then: `auto resume`.")
             return CommandResult("\n".join(lines))
         lines.append("Auto resumed; `auto off` ends it after the current part.")
         return CommandResult("\n".join([*lines, PAUSED] if supervisor.hold.paused else lines))
@@ -374,7 +374,7 @@ def _interrupted(context: CommandContext, words: list[str]) -> PickOrder:
     no_more(words, 1, AUTO_USAGE)
     pick_order = context.cycle.pick_order
     if pick_order is None:
-        raise CommandError("no interrupted auto to resume; `auto on` starts one")
+        raise CommandError("there is no interrupted auto; `auto on` starts a new one")
     return pick_order
 
 

@@ -38,7 +38,7 @@ MARKS = "abcdefghijklmnopqrstuvwxyz"
 async def status(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show the state of the cell, the running job, faults and troubles.
 
-    status places   to programs also each place with its outline, as the dashboard draws it
+    status places   with `--json` also each place with its outline, as the dashboard draws it
     """
     if words:
         one_of(words, 0, ("places",), "word", status.usage)
@@ -146,11 +146,11 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
 async def look(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Look once and show the result; nothing moves.
 
-    Positions are in the camera frame, of `look around` in the world frame.
-    With one camera the arm moves it by 40 to 120 mm between two images, and back. Enable the arm first, and keep the
+    Positions are in the camera frame, those of `look around` in the world frame.
+    With one camera the arm moves that by 40 to 120 mm between two images, and back. Enable the arm first, and keep the
     gripper above the parts.
     look around   looks from here and from up to N more places (3), until everything is recognised and two more
-                  sides show nothing new. Each look says what changed. The arm stays where it looked last.
+                  sides show nothing new. Each look shows what is new. The arm stays where it looked last.
     """
     if words:
         one_of(words, 0, ("around",), "word", look.usage)
@@ -218,7 +218,7 @@ async def where(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("parts")
 async def parts(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """List the parts, their views, what is known of each, by which facets a suction cup takes it, and where it goes."""
+    """List the parts: their views, size, facets that a suction cup can take, and where they go."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
     for label in context.parts:

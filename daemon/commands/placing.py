@@ -57,16 +57,17 @@ def _completions(context: CommandContext, word: str) -> Sequence[str]:
 async def place(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show, check and teach where parts belong.
 
-    place show          every place: its part, what is known of it, where it is. Of a part: its sides by number
-    place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
-    place check tray    the same for every place of a pattern that is not free; show and clear take its name as well
-    place plan cube     by each side that the cube can lie on: by which grasps it is brought to its places, and why by
-                        none; at most three, the part laid on the table in between. Draws it, too
-    place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
-    place teach nest here   facetd grasped the part, and holds it where it belongs: jog, or guide the arm there, first
-    place clear nest    you have emptied it: parts are brought there again (all: every place)
+    place show          every place: its part, its status, where it is
+    place show cube     the sides of the cube, by number
+    place check         look at every place that is not free, and store its status
+    place check nest    the same for one place, or for the places of a pattern
+    place plan cube     for each side that the cube can lie on: the grasps that bring it to its places, at most three,
+                        laid on the table in between; or why there are none. Draws a picture
+    place teach nest cube   the cube lies where it belongs: look at it from up to three sides and store its pose
+    place teach nest here   the gripper holds a part that facetd picked: first jog or guide the arm to where it belongs
+    place clear nest    you have emptied it: facetd brings parts there again (also a pattern, or `all`)
     place drop nest     delete it
-    A part without a place goes to the bin. Fixtures and patterns are written into places.yaml, then `reload`.
+    A part without a place goes to the bin. Write fixtures and patterns into places.yaml, then `reload`.
     """
     if words and context.hardware.operator is not None and words[0] in context.hardware.operator.labels:
         raise CommandError(f"to hold a part before the cameras: `show {' '.join(words)}`", NOT_UNDERSTOOD)
@@ -217,7 +218,8 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     placing = context.cycle.placing
     if not NAME.fullmatch(name) or name == "all" or name in placing.places.file.patterns:
         raise CommandError(
-            f"{name}: a place's name is small letters, digits and _, as in nest_2, and no pattern's", NOT_UNDERSTOOD
+            f"{name}: a place's name has small letters, digits and _, as nest_2, and is no pattern's and not `all`",
+            NOT_UNDERSTOOD,
         )
     old = placing.places.file.places.get(name)
     asked = old is not None and frontend.asks

@@ -69,7 +69,8 @@ def _distance(word: str, unit: str) -> float:
     if not 0 < abs(distance) <= LONGEST[unit]:
         found = shown(word) or "nothing"
         raise CommandError(
-            f"DISTANCE: expected a number up to {LONGEST[unit]:g} {unit}, + or -, found {found}", NOT_UNDERSTOOD
+            f"DISTANCE: expected a number from -{LONGEST[unit]:g} to {LONGEST[unit]:g} {unit}, found {found}",
+            NOT_UNDERSTOOD,
         )
     return distance
 
@@ -95,8 +96,8 @@ async def go(context: CommandContext, words: list[str], frontend: Frontend) -> C
     named = kept(context).now()
     if position in named and position in context.cycle.positions():
         raise CommandError(
-            f"{position} is a position of facetd.yaml and a named one: `positions drop {position}`, then name that one "
-            "differently"
+            f"two positions are named {position}, one in facetd.yaml: `positions drop {position}`, then give the other "
+            "another name"
         )
     own = position in named
     work = context.cycle.move_to(named[position], position) if own else context.cycle.go(position)

@@ -26,13 +26,13 @@ async def note(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 @command("operator [NAME]", "change", most=1)
 async def operator(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Say who works at this terminal from now on: a mark of the shift in the run.
+    """Report who works at this terminal from now on; the run keeps it.
 
-    At a serial terminal nobody logs in. The name comes before the terminal or the account in messages, in the run and
-    on its page, until somebody gives another.
+    Messages, the run and its page then show this name before the account or terminal, until somebody gives another.
+    A serial terminal has no login, so use it there.
     """
     if not words:
-        return CommandResult(f"Here works {frontend.who}.", {"who": frontend.who})
+        return CommandResult(f"At this terminal: {frontend.who}.", {"who": frontend.who})
     if not NAME.fullmatch(words[0]):
         raise CommandError(f"{words[0]}: expected one word of letters and digits, such as ann", NOT_UNDERSTOOD)
     before, account = frontend.who, frontend.who.rpartition(SIGNED)[2]

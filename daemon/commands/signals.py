@@ -33,7 +33,7 @@ def _further(context: CommandContext, word: str) -> Sequence[str]:
 async def signal(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show, read and test the signals of the line.
 
-    signal show          each signal: number, role, and whether it is on, as it was read or set last
+    signal show          each signal: number, role, and whether it was on when facetd last read or set it
     signal read          read every input now
     signal find permit   find how inputs are read on this controller: you switch the input permit off, on, and off
     signal test busy     switch the output busy to its other state for 2 seconds
@@ -107,7 +107,9 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
             f"`{text.format(number=number)}`: {' / '.join(answer or 'refused' for answer in each)}"
             for text, each in printed.items()
         )
-        raise CommandError(f"no answer followed input {number} (off / on / off): {answers}. Check number and wiring")
+        raise CommandError(
+            f"no answer changed with input {number} (off / on / off): {answers}. Check number and wiring"
+        )
     keep_form(context.config.state, found)
     context.cycle.production_line.form = found
     text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: stored."

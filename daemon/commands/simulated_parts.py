@@ -57,7 +57,7 @@ async def scatter(context: CommandContext, words: list[str], _: Frontend) -> Com
     """(simulated) scatter parts over the table.
 
     scatter cube cube   two cubes, each on any side that it can lie on
-    scatter steady      each part on the side that leaves its mass centre lowest, as they come to lie once shaken
+    scatter steady      each part on the side on which its mass centre is lowest
     """
     steady = words[:1] == [STEADY] and STEADY not in _hand(context).labels
     words = words[1:] if steady else words

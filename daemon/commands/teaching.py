@@ -52,8 +52,8 @@ async def teach(context: CommandContext, words: list[str], frontend: Frontend) -
     still unknown and which parts it could be confused with.
     --mesh FILE [mm|cm|m|inch]   learn the exact shape from a drawing, a file on your computer: .stl or .obj; with
     the extra `drawings` also .ply, .3mf and .step
-    --around [PLACES]   the arm looks at the part from 6 to 12 places (10) as it lies alone on the table, and learns
-    all of it except the side it lies on. Writes an STL; compares it with the drawing if there is one. Asks first.
+    --around [PLACES]   the part lies alone on the table: the arm looks at it from 6 to 12 places (10), and facetd
+    learns all sides but the lower one, writes an STL, and compares it with the drawing if there is one. Asks first.
     """
     if "--mesh" in words:
         return await _teach_drawing(context, words, frontend)
@@ -337,7 +337,7 @@ def _describe_apart(label: str, count: int) -> str:
     meet, they_are, them = ("meets", "it is", "it") if count == 1 else ("meet", "they are", "them")
     return (
         f"{plural(count, 'facet')} {meet} none of these sides. If {they_are} the {label}'s, this view teaches little: "
-        f"say n, turn it a little until the edge between shows, and `teach` again. If not, take {them} away."
+        f"answer n, turn it a little until the edge between shows, and `teach` again. If not, take {them} away."
     )
 
 

@@ -28,7 +28,7 @@ FAULT_PROSE: tuple[tuple[str, CauseCode], ...] = (
         r"WHERE is .* (?:off|from the target)|at rest .* from (?:where it was sent|its target)|not at rest within",
         CauseCode.ARM_NOT_THERE,
     ),
-    (r"comes back twice", CauseCode.CONVERTER_ECHOES),
+    (r"comes back twice|both echo", CauseCode.CONVERTER_ECHOES),
     (
         r"^Garbled|did not come through|arrived damaged|through whole|WHERE (?:did not give|was incomplete)"
         r"|typed '.*', echoed '[^']",

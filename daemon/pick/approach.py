@@ -132,7 +132,8 @@ async def estimating(
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
     if is_certain_enough(estimate, len(target.sightings), settings.stops, VERTICAL):
-        why += f"; how it is turned about the vertical {_where_turn_is_hidden(context, target)}{_any_turn_hint(target)}"
+        hidden = f"facetd cannot see its turn about the vertical {_where_turn_is_hidden(context, target)}"
+        why += f"; {hidden}{_any_turn_hint(target)}"
     skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
 
@@ -155,10 +156,10 @@ async def _choose_side_view(context: PickContext, target: Target, free_axis: Arr
 def _where_turn_is_hidden(context: PickContext, target: Target) -> str:
     """From where the turn of the target does not show, in words."""
     if not isinstance(context.cell.mounting, OnHand):
-        return "does not show to the fixed cameras"
+        return "with the fixed cameras"
     if context.cell.alone is not None:
-        return "does not show along the approach, and with one camera no other side is looked for"
-    return "shows from no side in reach" if target.side_view is None else "does not show well enough from a side either"
+        return "along the approach, and with one camera it looks from no other side"
+    return "from any side in reach" if target.side_view is None else "well enough, not even from a side"
 
 
 def _any_turn_hint(target: Target) -> str:

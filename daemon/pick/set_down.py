@@ -269,7 +269,9 @@ async def held_here(context: PickContext) -> HeldHere:
     known."""
     cell, held = context.cell, context.mover.belief.grasped_part
     if held is None or context.mover.belief.holds_part is False:
-        raise RefusedError("facetd has grasped no part that is in the gripper: `pick` one, and `stop` it on its way")
+        raise RefusedError(
+            "the gripper holds no part that facetd picked: `pick` one, and `stop` while the arm carries it"
+        )
     label, shape = held.value.label, context.recogniser.shape(held.value.label)
     lay_it = "lay it where it belongs, and `place teach NAME PART`"
     if shape is None:

@@ -39,8 +39,8 @@ class InputForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def high(self, number: int, printed: str) -> bool:
         """Whether the input is at its high level. Raises SignalError on any other answer than the two known ones."""
         if printed not in (self.on, self.off):
-            problem = f"`{self.line(number)}` printed {printed[:40]!r}, which is neither {self.on!r} nor {self.off!r}"
-            raise SignalError(f"{problem}: type `signal find` again")
+            answered = f"the controller answered `{self.line(number)}` with {printed[:40]!r}"
+            raise SignalError(f"{answered}, expected {self.on!r} or {self.off!r}: type `signal find` again")
         return printed == self.on
 
 

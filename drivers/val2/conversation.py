@@ -36,8 +36,8 @@ POISON = b"!!"
 """Makes a half-typed line an error instead of a command, where it could not be cancelled."""
 A_PROMPT = "a prompt"
 TWICE = (
-    "what is typed comes back twice: the serial converter echoes as well as the controller, which hides what the "
-    "controller read. Switch the converter's echo off"
+    "the serial converter and the controller both echo, so facetd cannot see what the controller read. Switch the "
+    "converter's echo off"
 )
 
 

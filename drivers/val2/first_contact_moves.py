@@ -54,8 +54,8 @@ def first_moves(known: ContactFindings) -> Steps:
         yield Tell(f"{word} let the motion finish: that is not a stop.")
     else:
         raise UnclearError(
-            f"{' and '.join(words)} let a motion finish: which word stops the arm here? Joint {FIRST_JOINT} turned by "
-            f"{STEP_DEG:g} degrees; nothing else was moved"
+            f"{' and '.join(words)} did not stop a moving joint: find this controller's stop word in its manual. Joint "
+            f"{FIRST_JOINT} turned by {STEP_DEG:g} degrees; nothing else moved"
         )
     known.readings[:] = [here]
     early: list[bool] = []

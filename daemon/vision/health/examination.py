@@ -47,7 +47,11 @@ MEASURES = {
         0.0, "same pairs", True, "frozen: the camera repeats its last frame; unplug it and plug it in", True
     ),
     "doubled": Measure(
-        0.0, "same images", True, "both cameras show one image: cameras.left and .right name one device", True
+        0.0,
+        "same images",
+        True,
+        "both cameras show the same image: give cameras.left and cameras.right two devices",
+        True,
     ),
     "swapped": Measure(
         0.5,

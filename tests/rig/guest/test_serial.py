@@ -148,7 +148,7 @@ def test_an_adapter_pulled_out_in_mid_move_comes_back_under_another_name(person:
 def test_a_converter_that_echoes_is_told_as_one_and_nothing_moves(person: Person) -> None:
     person.do("allow", may=False)
     person.do("echo", on=True)
-    told = until(lambda: next((text for text in [trouble()] if "comes back twice" in text), ""))
+    told = until(lambda: next((text for text in [trouble()] if "both echo" in text), ""))
     write_down(f"converter that echoes: {told}; {command('status')['fault']}")
     assert "\n" not in told
     motions = person.do("judged")["motions"]

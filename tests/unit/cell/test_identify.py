@@ -184,7 +184,7 @@ def test_a_line_that_says_nothing_ends_with_what_to_look_at_and_nothing_moved() 
 def test_where_no_word_stops_a_motion_no_second_joint_is_turned(monkeypatch) -> None:
     monkeypatch.setattr("drivers.simcell.controller.monitor.stops", lambda text, manners: False)
     monkeypatch.setattr("drivers.simcell.controller.machine.Machine.stop", lambda *_: None)
-    with pytest.raises(UnclearError, match="which word stops the arm here"):
+    with pytest.raises(UnclearError, match="did not stop a moving joint"):
         in_simulated_time(lambda: meet(draw(0)))
     drives = [line for line in typed(strangers[-1]) if "DRIVE" in line]
     assert drives

@@ -92,8 +92,12 @@ def test_a_calibration_that_says_its_tool_counts_from_that_one(path: Path, tmp_p
 @pytest.mark.parametrize(
     ("section", "value", "told"),
     [
-        ("pick", {"gripper": {"opening_mm": 80}}, "pick.gripper: expected it for each gripper in the section grippers"),
-        ("arm", {"flange_from_tool": np.eye(4).tolist()}, "arm.flange_from_tool: expected it for each gripper in"),
+        (
+            "pick",
+            {"gripper": {"opening_mm": 80}},
+            "pick.gripper: expected this key for each gripper of the section grippers",
+        ),
+        ("arm", {"flange_from_tool": np.eye(4).tolist()}, "arm.flange_from_tool: expected this key for each gripper"),
         (
             "pick",
             {

@@ -100,7 +100,7 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
         ("left", "left", "stereo", "this cell has one camera: `calibrate camera`"),
         ("left", "left", "by-hand", "this cell has one camera: `calibrate camera`"),
         ("left", "left", "verify", "`calibrate camera` first"),
-        ("right", "right", "camera", "has it as cameras.left"),
+        ("right", "right", "camera", "name the only camera cameras.left"),
     ],
 )
 def test_only_the_cameras_that_are_there_are_calibrated(

@@ -143,7 +143,7 @@ def test_a_word_that_turns_the_next_way_over_is_not_sent(line: bytes) -> None:
     """The guard had looked along another: half a turn of the wrist came with it."""
     sent, frontend = typed(standing(), line + b"\r", b"y\r")
     assert b"\r" not in sent.replace(SPOIL, b"").removesuffix(b"y\r")
-    assert "changes the arm configuration" in frontend.said[0]
+    assert "may turn shoulder, elbow or wrist over" in frontend.said[0]
 
 
 def test_a_yes_to_a_program_that_asks_may_work_the_hand() -> None:

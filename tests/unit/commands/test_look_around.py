@@ -19,7 +19,9 @@ def known() -> Any:
 
     def part(label: str, x: float) -> Any:
         told = SimpleNamespace(confidence=0.998, reason="fits")
-        return SimpleNamespace(label=label, named=label != "unknown", taken_for=told, centre=np.array([x, 0.0, -280.0]))
+        return SimpleNamespace(
+            label=label, named=label != "unknown", recognition=told, centre=np.array([x, 0.0, -280.0])
+        )
 
     gained = [InformationGain("what lies at 560, -20", BEFORE, AFTER, 1.25, 0.0, 0.74, 2.5)]
     found = [part("cube", 500.0), part("block_60", 560.0), part("unknown", 600.0)]

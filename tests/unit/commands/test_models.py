@@ -92,7 +92,7 @@ def test_accept_takes_the_candidate_that_was_shown_at_that_frontend_and_no_other
         asyncio.run(accept.run(context, [], ann))
     assert str(refused.value) == (
         "not accepted: somebody trained meanwhile. You saw version 7, the candidate is now version 8: "
-        "`try` tests it, `accept` again takes it, `model use 7` takes the other"
+        "`try` tests it, `accept` again takes 8, `model use 7` takes 7"
     )
     assert store.current is None
     asyncio.run(status.run(context, [], bob))

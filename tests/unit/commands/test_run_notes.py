@@ -54,7 +54,7 @@ def test_an_operator_has_a_name_and_stays_at_their_terminal(context: Any) -> Non
         {"who": "ann: operator at /dev/ttyS0", "before": "operator at /dev/ttyS0"},
         {"who": "bob: operator at /dev/ttyS0", "before": "ann: operator at /dev/ttyS0"},
     ]
-    assert say(context, "operator", frontend).text == "Here works bob: operator at /dev/ttyS0."
+    assert say(context, "operator", frontend).text == "At this terminal: bob: operator at /dev/ttyS0."
     say(context, "note all well", frontend)
     assert records(context, "note")[0]["who"].startswith("bob: ")
 

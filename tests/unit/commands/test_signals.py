@@ -77,7 +77,7 @@ def test_where_no_answer_follows_or_nobody_switches_nothing_is_kept(context: Any
     context.hardware.robot.asked = 5
     answer = say(context, "signal find permit", FakeFrontend(answers=["y", "y", "y"]))
     assert answer.status == 1
-    assert "no answer followed input 1001 (off / on / off)" in answer.text
+    assert "no answer changed with input 1001 (off / on / off)" in answer.text
     assert "None" not in answer.text
     assert say(context, "signal find permit", FakeFrontend(answers=["n"])).text == "Nothing was changed."
     assert load_form(tmp_path) is None

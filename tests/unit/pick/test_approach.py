@@ -194,11 +194,11 @@ def test_a_look_on_the_approach_is_made_for_every_turn_that_the_looks_before_lef
 @pytest.mark.parametrize(
     ("place", "cameras", "side", "said"),
     [
-        ("nest", {}, None, "shows from no side in reach"),
-        ("tray.3", {}, None, "shows from no side in reach"),
-        ("nest", {"mounting": InWorld(np.eye(4), np.eye(4), np.zeros(3))}, None, "does not show to the fixed cameras"),
-        ("nest", {"alone": "left"}, None, "does not show along the approach, and with one camera no other side"),
-        ("nest", {}, np.eye(3), "does not show well enough from a side either"),
+        ("nest", {}, None, "from any side in reach"),
+        ("tray.3", {}, None, "from any side in reach"),
+        ("nest", {"mounting": InWorld(np.eye(4), np.eye(4), np.zeros(3))}, None, "with the fixed cameras"),
+        ("nest", {"alone": "left"}, None, "along the approach, and with one camera it looks from no other side"),
+        ("nest", {}, np.eye(3), "well enough, not even from a side"),
     ],
 )
 def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_said(
@@ -220,7 +220,7 @@ def test_a_part_whose_turn_shows_from_nowhere_is_left_alone_and_what_to_do_is_sa
     context = replace(context, cell=replace(context.cell, **cameras))
     assert step(context, world, PickState.ESTIMATING) is PickEvent.GAVE_UP
     why = world.skipped[-1].why
-    assert f"how it is turned about the vertical {said}" in why
+    assert f"facetd cannot see its turn about the vertical {said}" in why
     assert f"set `any_turn: true` for place {place.partition('.')[0]} " in why
 
 

@@ -411,7 +411,7 @@ def test_the_way_down_to_a_place_from_over_it_is_a_straight_and_slow_one():
     cycle = cycle_of(world)
     over, down = (frames.rigid(np.diag([-1.0, 1.0, -1.0]), np.array([500.0, 20.0, z])) for z in (-226.0, -284.0))
     with pytest.raises(
-        MoveRefusedError, match=r"what may be in the gripper would come to -\d+\.. mm above.*`holding no`"
+        MoveRefusedError, match=r"a part perhaps in the gripper would come to -\d+\.. mm above.*`holding no`"
     ):
         asyncio.run(cycle.go_down(over, down, "touch"))
     cycle.holding(False)

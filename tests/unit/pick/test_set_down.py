@@ -373,7 +373,7 @@ def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
         with pytest.raises(RefusedError, match=why):
             asyncio.run(here())
 
-    refused("facetd has grasped no part that is in the gripper")
+    refused("the gripper holds no part that facetd picked")
     beliefs.learn(BeliefSource.COMMANDED, holding=True, grasped_part=HeldPart("cube", grasped, np.eye(6)))
     refused("the edges of the cube do not show clearly in the gripper")
     monkeypatch.setattr(
@@ -402,7 +402,7 @@ def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
     beliefs.learn(BeliefSource.COMMANDED, grasped_part=HeldPart("bolt", grasped, np.eye(6)))
     refused("the bolt in the gripper is no longer taught")
     beliefs.learn(BeliefSource.OPERATOR, holding=False, grasped_part=None)
-    refused("facetd has grasped no part")
+    refused("the gripper holds no part that facetd picked")
 
 
 def test_a_place_that_has_moved_is_looked_at_before_a_part_is_brought_there(tmp_path: Path) -> None:

@@ -28,7 +28,9 @@ def test_an_answer_that_is_neither_of_the_two_known_ones_is_no_level() -> None:
     form = InputForm(LISTR, "0", "-1")
     assert (form.high(1001, "-1"), form.high(1001, "0")) == (True, False)
     for odd in ("", "1", "*Illegal command*", "-1 0"):
-        with pytest.raises(SignalError, match=r"`LISTR SIG\(1001\)` printed .* neither .*: type `signal find` again"):
+        with pytest.raises(
+            SignalError, match=r"answered `LISTR SIG\(1001\)` with .*, expected .* or .*: type `signal find` again"
+        ):
             form.high(1001, odd)
 
 

@@ -263,7 +263,7 @@ def test_the_first_moves_are_there_and_back_by_the_word_that_stops(
 
 
 def test_where_no_word_stops_it_or_a_joint_does_not_turn_it_ends_with_what_to_do() -> None:
-    with pytest.raises(UnclearError, match="ABORT let a motion finish: which word stops the arm here"):
+    with pytest.raises(UnclearError, match="ABORT did not stop a moving joint"):
         met(Terminal(stops=()), yes)
     with pytest.raises(UnclearError, match="takes none of ABORT, PANIC"):
         met(Terminal(takes=()), yes)
@@ -440,7 +440,7 @@ def test_a_converter_that_echoes_beside_an_echoing_controller_is_told() -> None:
             twice = bytes(letter for letter in typed for _ in range(2))
             return Heard(tuple((at_s, said.replace(typed, twice, 1)) for at_s, said in heard.pieces), heard.seconds)
 
-    with pytest.raises(UnclearError, match="comes back twice: the serial converter echoes as well as the controller"):
+    with pytest.raises(UnclearError, match="the serial converter and the controller both echo"):
         met(Doubled(), yes)
 
 
