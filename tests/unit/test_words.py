@@ -45,7 +45,8 @@ RENAMED = [
     *(f"daemon/{package}" for package in (
         "arm", "calibration", "cell", "cli", "commands", "compute", "console", "dashboard", "events", "fleet",
         "frontends", "maintenance", "pick", "review", "signals", "store", "teaching", "vision")),
-    "drivers/camera", "drivers/val2", "daemon/config.py", "daemon/ctl.py", "daemon/main.py", "daemon/service.py",
+    "drivers/camera", "drivers/simcell", "drivers/val2",
+    "daemon/config.py", "daemon/ctl.py", "daemon/main.py", "daemon/service.py",
 ]  # fmt: skip
 """Packages and modules whose names and first lines are in the field's words."""
 DOCUMENTED = ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Module
