@@ -24,7 +24,7 @@ class CauseCode(StrEnum):
 
     # fmt: off
     OPERATOR_STOP = ("operator_stop", "operator's stop", "operator",
-        "find out who stopped it (the journal names person and frontend); once they agree: `resume`")
+        "find out who stopped it, and why (the journal names person and frontend); if they agree: `resume`")
     OPERATOR_ABORT = ("operator_abort", "operator's abort", "operator",
         "an operator gave up the part; `pick` tries it again")
     OPERATOR_NO = ("operator_no", "operator refused a move", "operator",
@@ -66,11 +66,11 @@ class CauseCode(StrEnum):
     NO_GRASP = ("no_grasp", "no grasp fits it", "grasp",
         "turn the part, or compare pick.gripper.opening_mm with its size")
     NO_WAY_TO_PLACE = ("no_way_to_place", "no way to its place", "grasp",
-        "turn the part on the table as it is to lie at its place, or move the place; `place show` says where it is")
+        "lay the part on the side that is down at its place, or move the place (`place show` says where it is)")
     PLACES_FULL = ("places_full", "no free place", "table",
         "empty the places and say so with `place clear`, or look at them with `place check`")
     OFF_PLACE = ("off_place", "set down off its place", "table",
-        "put the part right, then `place check`; where it repeats, teach the place again: `place teach`")
+        "correct the part's position, then `place check`; if this recurs, teach the place again: `place teach`")
     NOT_AT_PLACE = ("not_at_place", "not seen at its place", "table",
         "find the part; then `place check`, or `place clear` where nothing lies there")
     NOT_WHERE_LAID = ("not_where_laid", "not seen where it was laid down", "table",
@@ -80,7 +80,7 @@ class CauseCode(StrEnum):
     LENS_COVERED = "lens_covered", "lens covered", "camera", "take off what covers the lens; then `resume`"
     LIGHT_OFF = "light_off", "light off", "light", "switch the light on; then `resume`"
     HALF_FRAME = ("half_frame", "half a frame", "camera",
-        "check camera cable and USB bandwidth; cameras.formats with MJPEG first needs least")
+        "check camera cable and USB bandwidth; put MJPEG first in cameras.formats, which needs the least")
     TORN_FRAME = "torn_frame", "torn frame", "camera", "lower cameras.fps, or use another USB controller"
     CAMERA_FROZEN = ("camera_frozen", "camera frozen", "camera",
         "the camera repeats its last frame: unplug it, plug it in, then `resume`")

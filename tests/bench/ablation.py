@@ -61,28 +61,34 @@ FAMILY_SEEDS = range(0, 24, 2)
 HEAP_SEEDS = range(8200, 8232, 2)
 """Of the kinds of heaps, 64 parts taught."""
 COMPONENTS: dict[str, Without] = {
-    "the fine pass": Without(look_module, "_needs_fine_search", lambda _: False),
-    "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
-    "the pose that shows most": Without(edge_adjustment, "most_in_view", lambda *_: 0),
-    "wear": Without(edge_adjustment, "wear_of", lambda _, variance_mm2: (0.0, 0.0)),
+    "full-resolution pass": Without(look_module, "_needs_fine_search", lambda _: False),
+    "poses refined to edges": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
+    "of equivalent poses the one with most facets in view": Without(edge_adjustment, "most_in_view", lambda *_: 0),
+    "edge wear": Without(edge_adjustment, "wear_of", lambda _, variance_mm2: (0.0, 0.0)),
     "hypotheses from facets": Without(by_edges, "hypotheses_from_facets", lambda *_: search.RankedHypotheses([], 0)),
     "hypotheses on the table": Without(by_edges, "hypotheses_on_support", lambda *_: search.RankedHypotheses([], 0)),
-    "hypotheses turned": Without(search, "best_turned", lambda guesses, *_: _likeliest(guesses)),
-    "undecided ones registered anew": Without(by_edges, "undecided_poses", lambda *_: []),
-    "doubt by other poses": Without(by_edges, "pose_spread", lambda *_: np.zeros((6, 6))),
+    "best turn of each hypothesis": Without(search, "best_turned", lambda guesses, *_: _likeliest(guesses)),
+    "second registration of undecided hypotheses": Without(by_edges, "undecided_poses", lambda *_: []),
+    "covariance from other likely poses": Without(by_edges, "pose_spread", lambda *_: np.zeros((6, 6))),
     "self-similarity": Without(by_edges, "self_similarity", lambda *_: 0.0),
-    "what leaves the picture": Without(by_edges, "leaves_a_picture", lambda *_: False),
-    "all that speaks against": Without(look_module, "verified_names", lambda found, *_: tuple(found)),
-    "missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
-    "missing in both": Without(counter_evidence, "missing_in_both_px", lambda _: 0.0),
-    "off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
-    "near-duplicates": Without(counter_evidence, "duplicate_lead", lambda *_: counter_evidence.DuplicateLead()),
+    "parts cut by the image border": Without(by_edges, "leaves_a_picture", lambda *_: False),
+    "all counter-evidence": Without(look_module, "verified_names", lambda found, *_: tuple(found)),
+    "counter-evidence: missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
+    "counter-evidence: edges missing in both pictures": Without(counter_evidence, "missing_in_both_px", lambda _: 0.0),
+    "counter-evidence: edges off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
+    "counter-evidence: near-duplicates": Without(
+        counter_evidence, "duplicate_lead", lambda *_: counter_evidence.DuplicateLead()
+    ),
     "rounded corners": Without(counter_evidence, "resolved_by_rounding", lambda one, *_: one),
     "occlusion": Without(occlusion, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
-    "occlusion: edges that run on": Without(occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)),
-    "occlusion in the evidence": Without(by_edges, "_without_hidden_edges", lambda registered, *_: registered),
-    "other sizes": Without(by_edges, "other_size_nats", lambda *_: 0.0),
-    "strong edges beside parts": Without(overlaps, "_strong_beside_px2", lambda *_: 0.0),
+    "occlusion: edges that run straight on across a part": Without(
+        occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)
+    ),
+    "occlusion in the evidence of hypotheses": Without(
+        by_edges, "_without_hidden_edges", lambda registered, *_: registered
+    ),
+    "check of other sizes": Without(by_edges, "other_size_nats", lambda *_: 0.0),
+    "strong edges beside named parts": Without(overlaps, "_strong_beside_px2", lambda *_: 0.0),
 }
 
 
@@ -123,7 +129,7 @@ def _recall() -> None:
 
 def _components(chosen: Sequence[str]) -> None:
     """A row for each component left out, each set in its columns."""
-    print(f"\n{'left out':<36}{'scenes: right':>14}{'wrong':>6}{'mm':>7}{'in 95 %':>8}{'ms':>6}"
+    print(f"\n{'left out':<54}{'scenes: right':>14}{'wrong':>6}{'mm':>7}{'in 95 %':>8}{'ms':>6}"
           f"{'families: right':>17}{'strangers':>10}{'real pairs':>12}{'mm':>7}{'in 95 %':>8}"
           f"{'any two':>9}{'mm':>7}{'in 95 %':>8}{'> 3 s':>6}{'ms':>6}{'heaps: right':>14}{'strangers':>10}{'ms':>6}"
     )  # fmt: skip
@@ -132,7 +138,7 @@ def _components(chosen: Sequence[str]) -> None:
             if name in COMPONENTS:
                 module, function, instead_of = COMPONENTS[name]
                 stack.enter_context(mock.patch.object(module, function, instead_of))
-            print(f"{name:<36}{_of_scenes()}{_of_families()}{_of_real()}{_of_heaps()}", flush=True)
+            print(f"{name:<54}{_of_scenes()}{_of_families()}{_of_real()}{_of_heaps()}", flush=True)
 
 
 def _of_scenes() -> str:
