@@ -42,7 +42,9 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: correct arm.dialect.abort_word and restart facetd") from None
     if grant is Grant.ALL and not _has_hand_eye(context):
-        raise CommandError("not enabled: the calibration was replaced by one without hand_eye meanwhile")
+        raise CommandError(
+            "not enabled: the calibration in use has no hand_eye any more; `calibrate list` shows the others"
+        )
     supervisor.enable(asked, grant)
     fault = context.cycle.status()["fault"]
     may = "The arm is enabled." if grant is Grant.ALL else "The arm is enabled for `robot` only."
@@ -125,9 +127,13 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
             return _clear_fault(context, lines, stops, pauses)
         await supervisor.test_stop()
         if not _has_hand_eye(context):
-            raise CommandError("not resumed: the calibration was replaced by one without hand_eye meanwhile")
+            raise CommandError(
+                "not resumed: the calibration in use has no hand_eye any more; `calibrate list` shows the others"
+            )
         if context.cycle.pick_order != pick_order:
-            raise CommandError("another operator resumed or cancelled the interrupted auto meanwhile")
+            raise CommandError(
+                "another operator resumed or cancelled the interrupted auto meanwhile; `status` shows what runs"
+            )
         supervisor.resume(stops, pauses)
         supervisor.enable(stops)
         try:

@@ -36,7 +36,7 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
     except NoSinglePartError as error:
         raise CommandError(f"teach {label}: {error}") from None
     if context.cycle.status().get("dry"):
-        raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")
+        raise RefusedError(f"dry: {plural(count, 'place')} planned; a dry run learns nothing: `dry off`, then repeat")
     try:
         part = await context.worker(_fused_part, thing, looks, context.cycle.settings, trainer.library)
     except TeachError as error:
