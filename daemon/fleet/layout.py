@@ -16,7 +16,7 @@ from daemon.events.records import Record
 from daemon.fleet.schema import TABLES, VERSION, Column
 from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, cameras_of, duration_s, in_use, parts_of, place_mm, short_hash
-from daemon.review.failure_causes import causes, causes_of_record
+from daemon.review.failure_causes import RunContext, causes, causes_of_record, run_context
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.set_downs import PartSetDown, set_downs_of
@@ -58,9 +58,10 @@ def schema_of(table: str) -> pa.Schema:
 def rows_of(run: Digest) -> Rows:
     """Convert one run to rows, by table."""
     pa, _ = arrow()
+    context = run_context(run.cycles)
     made = {
         "runs": [_run(run)] if run.records else [],
-        "cycles": [_cycle(c, run) for c in run.cycles],
+        "cycles": [_cycle(c, context) for c in run.cycles],
         "looks": _looks(run),
         "parts": _parts(run),
         "moves": _moves(run),
@@ -121,8 +122,8 @@ def _run(run: Digest) -> Row:
     }
 
 
-def _cycle(cycle: Cycle, run: Digest) -> Row:
-    found = causes(cycle, [c for c in run.cycles if c is not cycle])[:1]
+def _cycle(cycle: Cycle, run: RunContext) -> Row:
+    found = causes(cycle, run)[:1]
     set_down = next(reversed(list(set_downs_of(cycle))), None)
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {

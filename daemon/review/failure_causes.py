@@ -8,7 +8,7 @@ the earlier record comes first: it may have caused the other.
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,17 +58,31 @@ class LikelyCause:
     at: int
 
 
-def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[LikelyCause]:
+class RunContext(NamedTuple):
+    """What the cycles of a run say about a failed one: labels that were picked; looks that named a part."""
+
+    picked: frozenset[str]
+    named_looks: int
+
+
+def run_context(cycles: Sequence[Cycle]) -> RunContext:
+    """What all cycles of a run say about each of them."""
+    picked = frozenset(str(c.label) for c in cycles if is_success(c.outcome))
+    return RunContext(picked, sum(c.named_looks for c in cycles))
+
+
+def causes(cycle: Cycle, run: RunContext | None = None, going: bool = False) -> list[LikelyCause]:
     """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress. Where
     something stopped the arm after that, that alone.
 
-    others: the other cycles of the run; going: the run is still being written.
+    run: of all cycles of the run, None where it is the only one; going: the run is still being written.
     """
+    run = run or run_context([cycle])
     if cycle.end is None and going:
         return []
     if cycle.outcome in NOTHING_WRONG:
-        return [*_ended(cycle, others)] if cycle.stopped else []
-    found = sorted((c for rule in RULES for c in rule(cycle, others)), key=lambda c: (-c.weight, c.at))
+        return [*_ended(cycle, run)] if cycle.stopped else []
+    found = sorted((c for rule in RULES for c in rule(cycle, run)), key=lambda c: (-c.weight, c.at))
     if not found:
         found = [LikelyCause(CauseCode.NOT_KNOWN, 0.1, str(cycle.why or cycle.outcome), _last(cycle))]
     first: dict[CauseCode, LikelyCause] = {}
@@ -77,7 +91,7 @@ def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> l
     return list(first.values())
 
 
-def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _ended(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """The first fault, or the recorded end, by its code; later faults follow from the first."""
     fault = next(iter(cycle.of("fault")), None)
     if fault is None and cycle.outcome not in (Outcome.FAULT, Outcome.ABORTED) and cycle.stopped is None:
@@ -112,7 +126,7 @@ PLANNED = (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH, CauseC
 """Why no grasp was planned, as the planner says."""
 
 
-def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _refused(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """Find what the guard refused, and why a part was unreachable."""
     if cycle.outcome not in (Outcome.UNREACHABLE, Outcome.FAULT, UNFINISHED):
         return
@@ -127,14 +141,14 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(code, 0.9 if planned else 0.6, str(cycle.why), _last(cycle))
 
 
-def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _geometry(cycle: Cycle, run: RunContext) -> Iterator[LikelyCause]:
     """Looks that disagree: whether the hand-eye, a camera or the part is the cause."""
     for record in cycle.of("decision"):
         evidence, at = str(record.get("why")), seq_of(record)
         if blamed := SUSPECTED.get(str(record.get("code"))):
             yield LikelyCause(*blamed, evidence, at)
         elif record.get("code") == DecisionCode.SUSPECT_UNCLEAR:
-            if any(is_success(other.outcome) for other in others):
+            if run.picked:
                 yield LikelyCause(CauseCode.PART_MOVED, 0.7, f"{evidence}; other picks of this run went well", at)
             else:
                 yield LikelyCause(CauseCode.HAND_EYE, 0.7, f"{evidence}; nothing was picked in this run", at)
@@ -150,7 +164,7 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
             yield LikelyCause(code, 0.75, evidence, stop.seq)
 
 
-def all_seem_to_move(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def all_seem_to_move(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """Several parts, or one repeatedly, seem to move whenever the arm looks from another place."""
     otherwise = (DecisionCode.MOVED_BETWEEN_LOOKS, DecisionCode.NOT_SEEN_AGAIN)
     shifted = [r for r in cycle.of("decision") if r.get("code") in otherwise]
@@ -162,7 +176,7 @@ def all_seem_to_move(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, seq_of(again[-1]))
 
 
-def _cameras_disagree(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _cameras_disagree(cycle: Cycle, run: RunContext) -> Iterator[LikelyCause]:
     """Find outlines of both cameras that do not match, although they did before; a table's pattern need not match."""
     patterned = sum(map(_patterned, cycle.stops))
     unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES and not _patterned(s)]
@@ -171,16 +185,15 @@ def _cameras_disagree(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyC
         yield LikelyCause(CauseCode.PATTERNED_TABLE, 0.7, evidence, _last(cycle))
     if not unmatched:
         return
-    matched = sum(c.named_looks for c in (cycle, *others))
     evidence = f"{len(unmatched)} looks have outlines in both images that do not match"
     share, at = len(unmatched) / len(cycle.stops), unmatched[0].seq
-    if matched and (len(unmatched) > 1 or share == 1.0):
-        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {matched} looks found parts", at)
+    if run.named_looks and (len(unmatched) > 1 or share == 1.0):
+        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {run.named_looks} looks found parts", at)
     elif cycle.code == CauseCode.UNMATCHED_OUTLINES:
         yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.7, str(cycle.why), at)
 
 
-def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _images(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """Measures of the images beyond their limits: the more looks have them, the more they explain."""
     shown: Counter[CauseCode] = Counter()
     first: dict[CauseCode, tuple[str, int]] = {}
@@ -219,7 +232,7 @@ def text_of(finding: Any) -> str:
     return str(finding.get("advice") or finding.get("text") or finding) if isinstance(finding, dict) else str(finding)
 
 
-def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _unnamed(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """Why a part has no name, from the recorded end of the cycle; nothing for a named part."""
     why = str(cycle.why or "")
     if cycle.outcome == Outcome.AMBIGUOUS:
@@ -231,7 +244,7 @@ def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
             yield LikelyCause(code, 0.7, why, _last(cycle))
 
 
-def _lost(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _lost(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """The part was found, and then no longer."""
     if cycle.outcome != Outcome.LOST:
         return
@@ -251,7 +264,7 @@ def _lost(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.NOT_FOUND_AGAIN, 0.4, str(cycle.why), _last(cycle))
 
 
-def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _missed(cycle: Cycle, run: RunContext) -> Iterator[LikelyCause]:
     """The gripper closed without the part: how it was grasped, and where it is now, indicate the cause."""
     tries = [r for r in cycle.of("decision") if r.get("code") in MISSED_BY]
     if cycle.outcome != Outcome.MISSED and not tries:
@@ -266,7 +279,6 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     why = str(last.get("why"))
     away = "" if moved is None else f", {moved:.1f} mm from its place"
     slant = round(max((float(r.get("slip_deg") or 0.0) for r in cycle.of("decision")), default=0.0))
-    held = sorted({str(c.label) for c in others if is_success(c.outcome)})
     let_slip = last.get("code") in (DecisionCode.CAME_BACK_EMPTY, DecisionCode.KNOCKED_AWAY)
     if erred := picks_not_counted(cycle):
         yield LikelyCause(CauseCode.LOOK_AFTER_LIFT, 0.95, f"{not_counted_text(erred[-1])}{true}", at)
@@ -275,8 +287,8 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     elif slant > SLANTED_DEG:
         evidence = f"{why}{away}: the fingers touched it {slant:.0f} degrees off perpendicular{true}"
         yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, evidence, at)
-    elif held and cycle.label not in {c.label for c in others if is_success(c.outcome)}:
-        evidence = f"{why}{away}, and the gripper held {', '.join(held)}{true}"
+    elif run.picked and cycle.label not in run.picked:
+        evidence = f"{why}{away}, and the gripper held {', '.join(sorted(run.picked))}{true}"
         yield LikelyCause(CauseCode.PART_SLIPPED, weight, evidence, at)
     else:
         yield LikelyCause(CauseCode.GRIPPER, weight, f"the gripper closed, and {why}{away}{true}", at)
@@ -293,7 +305,7 @@ def _moved_mm(cycle: Cycle, after: LookStep) -> float | None:
     return float(min(np.linalg.norm(place - before) for place in places))
 
 
-def _released(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _released(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """The gripper opened above the bin, and the images there do not prove that the part fell in."""
     if cycle.outcome != Outcome.RELEASED:
         return
@@ -303,7 +315,7 @@ def _released(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.GRIPPER if stuck else code, 0.8, str(cycle.why), seq_of(record))
 
 
-def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _uncertain(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     """The estimate stayed too uncertain, or the grasp was tried in spite of it."""
     last = next((s for s in reversed(cycle.stops) if s.estimate), None)
     if last is None or last.estimate is None or cycle.outcome not in ("unsure", "missed"):
@@ -314,7 +326,7 @@ def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.UNCERTAIN, 0.7, evidence, last.seq)
 
 
-def _run_cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
+def _run_cut_off(cycle: Cycle, _: RunContext) -> Iterator[LikelyCause]:
     if cycle.end is None and not cycle.of("fault"):
         evidence = f"the run ends during the cycle, after `{cycle.records[-1]['kind']}`"
         yield LikelyCause(CauseCode.CUT_OFF, 0.95, evidence, _last(cycle))
@@ -337,7 +349,7 @@ def _last(cycle: Cycle) -> int:
     return seq_of(cycle.records[-1])
 
 
-Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[LikelyCause]]
+Rule = Callable[[Cycle, RunContext], Iterator[LikelyCause]]
 RULES: tuple[Rule, ...] = (
     _ended, _refused, _geometry, all_seem_to_move, _cameras_disagree, _images, _unnamed, _lost, _missed, _released,
     _uncertain, _run_cut_off,

@@ -15,7 +15,7 @@ from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
 from daemon.events.records import Json, Record
 from daemon.pick.transitions import SHOWN
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
-from daemon.review.failure_causes import causes, in_plain_words
+from daemon.review.failure_causes import RunContext, causes, in_plain_words, run_context
 from daemon.review.measures import strips
 from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
@@ -30,6 +30,7 @@ MAX_CYCLES = MAX_EVENTS = 1000
 def page_data(digest: Digest) -> Json:
     """All data of the page except images."""
     start, done, happened = digest.start or {}, production([digest]), events(digest)
+    context = run_context(digest.cycles)
     return {
         "run": digest.name,
         "started": digest.records[0].get("t") if digest.records else None,
@@ -49,7 +50,7 @@ def page_data(digest: Digest) -> Json:
         "skipped": list(digest.skipped),
         "timeline": timeline(shown_of(digest)),
         "strips": strips(digest),
-        "cycles": [cycle_json(c, digest.cycles, digest.going) for c in shown_of(digest).cycles],
+        "cycles": [cycle_json(c, context, digest.going) for c in shown_of(digest).cycles],
         "cycles_left_out": max(0, len(digest.cycles) - MAX_CYCLES),
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "places": places_json(digest, shown_of(digest)),
@@ -64,10 +65,9 @@ def shown_of(digest: Digest) -> Digest:
     return replace(digest, cycles=digest.cycles[-MAX_CYCLES:])
 
 
-def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
+def cycle_json(cycle: Cycle, run: RunContext, going: bool) -> Json:
     """Return one row of the table of cycles, with its details."""
-    others = [c for c in all_of_run if c is not cycle] if not is_success(cycle.outcome) else []
-    found = causes(cycle, others, going)
+    found = causes(cycle, run, going)
     return {
         "n": cycle.number,
         "t": cycle.records[0].get("t"),

@@ -12,7 +12,7 @@ from daemon.events.outcomes import UNFINISHED, Outcome, is_success, tally
 from daemon.events.records import Json
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.downtime import use_of_time
-from daemon.review.failure_causes import causes, causes_of_record
+from daemon.review.failure_causes import causes, causes_of_record, run_context
 from daemon.review.not_counted import picks_not_counted
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
@@ -78,10 +78,9 @@ def remedies(done: Json) -> dict[str, str]:
 
 def _stops(run: Digest) -> Iterable[str]:
     """The first cause of each failed cycle, and of each fault between cycles that repeats none of these."""
-    ended = set[tuple[Any, str]]()
+    ended, context = set[tuple[Any, str]](), run_context(run.cycles)
     for cycle in run.cycles:
-        others = [c for c in run.cycles if c is not cycle]
-        found = [c.code.summary for c in causes(cycle, others, run.going)[:1]]
+        found = [c.code.summary for c in causes(cycle, context, run.going)[:1]]
         ended |= {(cycle.number, name) for name in found}
         yield from found
     repeated = repeated_faults(run.records)

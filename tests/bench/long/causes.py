@@ -27,7 +27,7 @@ import yaml
 from daemon import frames
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.config import load_config
-from daemon.review.failure_causes import causes
+from daemon.review.failure_causes import causes, run_context
 from daemon.review.page import read_digest, write_page
 from daemon.store.runlog import RunLog
 from tests.bench.long.faults import FAULTS, on_state
@@ -237,8 +237,8 @@ def main() -> int:
                 asyncio.run(planted(model, plant, args.seed + k, folder))
             except Exception as error:  # such as the motion monitor's word on an arm that is not where its joints say
                 print(f"    {name}: {type(error).__name__} {str(error)[:100]}", flush=True)
-            (cycle, *others) = read_digest(folder).cycles
-            found = causes(cycle, others)
+            cycles = read_digest(folder).cycles
+            cycle, found = cycles[0], causes(cycles[0], run_context(cycles))
             first = found[0] if found else None
             good = first is not None and first.code.summary == plant.name
             right += good

@@ -25,7 +25,15 @@ from daemon.events.codes import CauseCode
 from daemon.events.upgrade import VERSION
 from daemon.review.brief import read_brief
 from daemon.review.digest import digest
-from daemon.review.failure_causes import PLANNED, all_seem_to_move, causes, in_plain_words, text_of, times_its_limit
+from daemon.review.failure_causes import (
+    PLANNED,
+    all_seem_to_move,
+    causes,
+    in_plain_words,
+    run_context,
+    text_of,
+    times_its_limit,
+)
 from daemon.review.not_counted import picks_not_counted
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
@@ -406,8 +414,9 @@ def made(tmp_path: Path) -> MadeRun:
 def test_a_planted_cause_is_named_first(planted: str, made: MadeRun) -> None:
     name, plant = PLANTED[planted]
     plant(made)
-    *others, cycle = read_digest(made.close(1)).cycles
-    found = causes(cycle, others)
+    cycles = read_digest(made.close(1)).cycles
+    cycle, run = cycles[-1], run_context(cycles)
+    found = causes(cycle, run)
     assert found[0].code.summary == name, [(c.code.summary, round(c.weight, 2), c.evidence) for c in found]
     assert found[0].evidence
     assert len({c.code.summary for c in found}) == len(found)
@@ -428,8 +437,9 @@ TOLD = yaml.safe_load((HOUSE / "tests/data/causes.yaml").read_text(encoding="utf
 @pytest.mark.parametrize("planted", PLANTED)
 def test_what_is_told_of_it_is_told_so_to_the_word(planted: str, made: MadeRun) -> None:
     PLANTED[planted][1](made)
-    *others, cycle = read_digest(made.close(1)).cycles
-    told = [f"{c.weight:.2f} {c.code.summary} (record {c.at}): {c.evidence}" for c in causes(cycle, others)]
+    cycles = read_digest(made.close(1)).cycles
+    cycle, run = cycles[-1], run_context(cycles)
+    told = [f"{c.weight:.2f} {c.code.summary} (record {c.at}): {c.evidence}" for c in causes(cycle, run)]
     assert told == TOLD[planted]
 
 
@@ -439,10 +449,10 @@ def test_the_codes_of_its_records_alone_say_so(planted: str, made: MadeRun) -> N
     PLANTED[planted][1](made)
     records = read_run(made.close(1)).records
     mute = [{**r, **({"text": "x", "why": "x"} if r["kind"] in PROSE else {})} for r in map(without_notes, records)]
-    *others, cycle = digest("mute", mute).cycles
-    *others_before, before = digest("told", records).cycles
-    codes = [(c.code, round(c.weight, 2), c.at) for c in causes(before, others_before)]
-    assert [(c.code, round(c.weight, 2), c.at) for c in causes(cycle, others)] == codes
+    after, before = digest("mute", mute).cycles, digest("told", records).cycles
+    cycle, run = after[-1], run_context(after)
+    codes = [(c.code, round(c.weight, 2), c.at) for c in causes(before[-1], run_context(before))]
+    assert [(c.code, round(c.weight, 2), c.at) for c in causes(cycle, run)] == codes
 
 
 @pytest.mark.parametrize("version", [1, VERSION])
@@ -568,7 +578,8 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
     ]
     cycle: Any = SimpleNamespace(of=lambda kind: records)
     blamed = [
-        (cause.code.summary, cause.evidence.split(" seemed")[0], cause.at) for cause in all_seem_to_move(cycle, ())
+        (cause.code.summary, cause.evidence.split(" seemed")[0], cause.at)
+        for cause in all_seem_to_move(cycle, run_context([]))
     ]
     last = max((k for k, (_, code) in enumerate(decisions) if code == ELSEWHERE), default=0)
     assert blamed == ([] if named is None else [("hand-eye calibration off", named, 10 + last)])
@@ -579,7 +590,7 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
     made.close()
     run = read_digest(made.folder)
     (cycle,) = run.cycles
-    unknown = [cause for cause in causes(cycle, ()) if cause.code.summary == "unknown cause"]
+    unknown = [cause for cause in causes(cycle) if cause.code.summary == "unknown cause"]
     assert [cause.at for cause in unknown] == [cycle.end["seq"]]
 
 
@@ -691,7 +702,7 @@ def test_a_night_of_misses_is_explained_in_time_that_grows_with_its_looks(made: 
         cycles = digest("r", records).cycles
         asked.clear()
         for cycle in cycles:
-            causes(cycle, [other for other in cycles if other is not cycle])
+            causes(cycle, run_context(cycles))
         return asked["scene"]
 
     assert asked_for(80) == 2 * asked_for(40)
@@ -706,5 +717,6 @@ def test_a_part_for_which_no_grasp_was_planned_has_the_planners_own_cause(made: 
     made.write(
         "cycle_end", cycle=made.cycle, outcome="unreachable", code=code, label=None, stops=0, why="pyramid: none"
     )
-    *others, cycle = read_digest(made.close()).cycles
-    assert causes(cycle, others)[0].code is code
+    cycles = read_digest(made.close()).cycles
+    cycle, run = cycles[-1], run_context(cycles)
+    assert causes(cycle, run)[0].code is code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from daemon.review import pagedata
 from daemon.review.digest import Digest, digest, duration_s, short_hash
 from daemon.review.export import tables
+from daemon.review.failure_causes import run_context
 from daemon.review.measures import Strip, strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import (
@@ -147,7 +149,7 @@ def test_a_look_of_which_nothing_was_kept_is_shown_all_the_same() -> None:
 
 def test_one_row_of_the_table_of_cycles(run: Digest) -> None:
     first, second = run.cycles
-    row = cycle_json(first, run.cycles, going=False)
+    row = cycle_json(first, run_context(run.cycles), going=False)
     assert {k: v for k, v in row.items() if k not in ("causes", "stops")} == {
         "n": 7, "t": "2026-01-02T03:04:03.000Z", "label": "cube", "outcome": "picked", "looks": 1,
         "cameras": "both, left",
@@ -155,10 +157,10 @@ def test_one_row_of_the_table_of_cycles(run: Digest) -> None:
         "decisions": [{"text": "pick cube", "why": "surest"}], "mms": [0.78],
     }  # fmt: skip
     assert len(row["stops"]) == 2
-    assert cycle_json(second, run.cycles, going=False)["outcome"] == "unfinished"
-    assert cycle_json(second, run.cycles, going=True)["outcome"] == "going on"
-    assert cycle_json(first, run.cycles, going=True)["outcome"] == "picked"
-    shown = cycle_json(second, run.cycles, going=False)["causes"]
+    assert cycle_json(second, run_context(run.cycles), going=False)["outcome"] == "unfinished"
+    assert cycle_json(second, run_context(run.cycles), going=True)["outcome"] == "going on"
+    assert cycle_json(first, run_context(run.cycles), going=True)["outcome"] == "picked"
+    shown = cycle_json(second, run_context(run.cycles), going=False)["causes"]
     assert [(c["name"], c["at"]) for c in shown] == [("a fault in facetd", 21)]
     assert all(c["w"] > 0 and c["e"] and c["r"] and c["stage"] for c in shown)
 
@@ -299,15 +301,15 @@ def test_rows_for_a_spreadsheet(run: Digest) -> None:
     assert (survey["predicted_mm"], outside["cycle"]) == (None, None)
 
 
-def test_why_a_part_was_not_picked_is_asked_with_all_the_other_cycles(
+def test_what_other_cycles_picked_explains_a_miss_though_the_page_does_not_show_them(
     run: Digest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(pagedata, "causes", lambda cycle, others, going: asked.append((cycle, others)) or [])
-    for cycle in run.cycles:
-        cycle_json(cycle, run.cycles, going=False)
-    first, second = run.cycles
-    assert asked == [(first, []), (second, [first])], "what was picked needs no reason"
+    monkeypatch.setattr(pagedata, "MAX_CYCLES", 1)
+    picked, last = run.cycles
+    end = {"kind": "cycle_end", "seq": 9999, "outcome": "missed", "label": "prism", "why": "prism still lies there"}
+    (row,) = page_data(replace(run, cycles=(picked, replace(last, end=end))))["cycles"]
+    assert picked.label is not None
+    assert f"the gripper held {picked.label}" in row["causes"][0]["e"]
 
 
 def test_after_a_calibration_the_cameras_usual_place_is_another(made: MadeRun) -> None:
@@ -346,7 +348,7 @@ def test_a_part_laid_down_between_two_grasps_is_among_a_picks_decisions() -> Non
         line("laid_down", 2, seq=2, label="cube", status="off", times=1, off_mm=3.26, off_deg=1.0, why="it slid"),
     ]
     (cycle,) = digest("x", [line("cycle_start", 0, seq=0), *laid]).cycles
-    assert cycle_json(cycle, [cycle], going=False)["decisions"] == [
+    assert cycle_json(cycle, run_context([cycle]), going=False)["decisions"] == [
         {"text": "laid on the table: let go", "why": ""},
         {"text": "laid on the table: seen off", "why": "3.3 mm, 1.0 degrees off, it slid"},
     ]
