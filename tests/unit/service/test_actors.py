@@ -122,7 +122,7 @@ TAKES_ANSWERS_IN_TURN: tuple[Guard, ...] = (
 """The answer that comes first is taken for that of the question asked last, and what comes behind it for nothing."""
 
 
-def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser) -> PickContext:
+def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser | None = None) -> PickContext:
     """A pick's context that has whatever its cycle has at the moment."""
 
     class Present(PickContext):
@@ -130,7 +130,9 @@ def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser) -> PickCo
         settings = property(lambda _: cycle.settings, nothing)
         placing = property(lambda _: cycle.placing, nothing)
 
-    return Present(cycle.cell, cycle.supervisor.mover, recogniser, cycle.settings, cycle.observer)
+    own = recogniser or cycle.recogniser
+    assert own is not None
+    return Present(cycle.cell, cycle.supervisor.mover, own, cycle.settings, cycle.observer)
 
 
 def idle_status(cycle: PickCycle, status: Callable[[PickCycle], dict[str, object]] = PickCycle.status) -> Any:
