@@ -398,7 +398,7 @@ def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(
     context.cycle.test_stop = test_stop
     answer = say(context, "enable")
     assert (answer.status, context.cycle.told) == (1, [])
-    assert "without hand_eye" in answer.text
+    assert "no hand_eye" in answer.text
 
 
 @pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable typed lines"])])
