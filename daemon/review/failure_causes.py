@@ -75,7 +75,7 @@ def causes(cycle: Cycle, run: RunContext | None = None, going: bool = False) -> 
     """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress. Where
     something stopped the arm after that, that alone.
 
-    run: of all cycles of the run, None where it is the only one; going: the run is still being written.
+    run: `run_context` of all its cycles, None where it is the only one; going: the run is still being written.
     """
     run = run or run_context([cycle])
     if cycle.end is None and going:

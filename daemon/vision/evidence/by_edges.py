@@ -83,10 +83,10 @@ HIDDEN_ODDS, MOST_HIDDEN, PER_PLACE = (-7.0, 7.4), 6, 2
 """Log odds between which it is asked what something nearer hides of a laid part; of how many in all, and at one place.
 Twelve in all, from odds of -9 on, gave the same names in heaps and took 13 ms more where nothing taught lies."""
 ALIKE, LEAST_BY_SIZE, MOST_OFF_SIZE = 2.0, 0.5, 1.5
-"""Lead by own edges, log odds, within which the measured edges decide between two parts of nearly one size; nats by
-which these must; and nats that another size than the likelier part's may have, as it may be one that nobody taught. Of
-those of tests/bench/arcs.py's parts that were looked into (seeds 421 to 424) the true size had .7 at most, one 5 % off
-.1 to 9."""
+"""Lead, log odds, within which the measured edges decide between two parts of nearly one size, or two turns of a round
+part; nats by which these must; and nats that another size than the likelier part's may have, as it may be one that
+nobody taught. Of those of tests/bench/arcs.py's parts that were looked into (seeds 421 to 424) the true size had .7 at
+most, one 5 % off .1 to 9."""
 HOLES_APART = 3.0
 """Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
 for a turn of it that is none."""
@@ -95,7 +95,7 @@ ELSE_TURNED = 1 + 2 * np.cos(np.radians(30.0))
 MOST_WAYS = 3
 """Ways a part could lie otherwise that are held against the one that is likeliest."""
 MOST_TURNS = 6
-"""Turns of a round part about its axis that are registered, of those that are tried."""
+"""Turns of a round part about its axis that are measured, of those that are likelier than their neighbours."""
 SURE_NATS = 8.0
 """By so many more than one hole can have, holes prove what a second facet would."""
 NEAREST = 0.4
@@ -285,9 +285,9 @@ def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
 
 
 def _best_turn_about_axis(one: RegisteredPart, search: Search) -> RegisteredPart:
-    """A round part in the turn about its axis for which its edges and holes speak most, and in which its edges, once
-    measured, lie nearest to where they should be: its arcs are much the same in all. It is no surer for having been
-    turned."""
+    """A round part in the turn about its axis for which its edges and holes speak most; of turns that are alike in
+    that, as arcs are much the same in all, the one in which its edges, once measured, lie nearest to where they should
+    be. It is no surer for having been turned."""
     turns = turns_about_axis(one.solid)
     if len(turns) == 1:
         return one
@@ -296,16 +296,19 @@ def _best_turn_about_axis(one: RegisteredPart, search: Search) -> RegisteredPart
     def nats(other: RegisteredPart) -> float:
         return BY_NATS * other.evidence.nats + hole_nats(other.solid, other.pose, search.images, tolerance)
 
-    def measured_nats(other: RegisteredPart) -> float:
+    def misfit(other: RegisteredPart) -> float:
         pose, edges = other.measured.fit.cyclopean_from_part, other.measured.edges
-        return nats(other) - BY_NATS * misfit_nats(other.solid, pose, edges, tolerance)
+        return BY_NATS * misfit_nats(other.solid, pose, edges, tolerance)
 
     turned = list(register_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tested) for turn in turns]))
     values = np.array([nats(own) for own in turned])
     peaks = np.nonzero((values > np.roll(values, 1)) & (values >= np.roll(values, -1)))[0]
-    likely = [turned[k] for k in peaks[np.argsort(-values[peaks])][:MOST_TURNS]]
-    near = register_near(search, [EdgeHypothesis(own.label, own.pose, own.tested) for own in likely])
-    return max([one, *near], key=measured_nats)
+    likely = peaks[np.argsort(-values[peaks])][:MOST_TURNS]
+    near = register_near(search, [EdgeHypothesis(one.label, turned[k].pose, one.tested) for k in likely])
+    found = [(values[0], one), *((nats(own), own) for own in near)]
+    most = max(own for own, _ in found)
+    best = [(own, other) for own, other in found if own > most - ALIKE]
+    return best[0][1] if len(best) == 1 else max(best, key=lambda each: each[0] - misfit(each[1]))[1]
 
 
 def _fits_better(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:

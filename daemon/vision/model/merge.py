@@ -2,7 +2,6 @@
 facets are: plane, and as regular as their type says.
 
 In: the views' solids, each in the cyclopean frame of its look. Out: the merged solid and which views went into it.
-The part frame: origin at the centroid of all known corners; z out of the first taught facet; x along its first side.
 """
 
 from dataclasses import dataclass, replace
@@ -167,7 +166,8 @@ def _spans(solid: Polyhedron) -> Array:
 
 
 def in_part_frame(solid: Polyhedron) -> Polyhedron:
-    """A solid in the part frame (above)."""
+    """A solid in the part frame: its origin at the centroid of all corners, z out of the first facet, x along the first
+    side of that."""
     corners, part_from_look = solid.corners_mm, solid.flat_from_solid[0, :3, :3]
     return replace(
         solid,
