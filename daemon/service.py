@@ -165,7 +165,7 @@ class Service:
             _report_notes(config)
             calibration = sections.calibration_in_use(config)
             sections.check_hand_eye(config, calibration)
-            if context.cycle.status()["doing"]:
+            if context.cycle.supervisor.busy:
                 raise ConfigError(
                     f"{config.path}: not reloaded while a job is running; `reload` again when it has ended"
                 )

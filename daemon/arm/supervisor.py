@@ -76,6 +76,11 @@ class Supervisor:
         return self._task is not None
 
     @property
+    def doing(self) -> str | None:
+        """The running job; None: there is none."""
+        return self._doing or None
+
+    @property
     def awaits_confirmation_s(self) -> float | None:
         """How long a stop that the controller has answered but not yet confirmed may take in all, s. None: there is no
         such stop."""
@@ -113,7 +118,7 @@ class Supervisor:
     def status(self) -> dict[str, Any]:
         """The state as JSON values. pending: the move, as text, that waits for confirm or refuse."""
         return {
-            "doing": self._doing or None,
+            "doing": self.doing,
             "fault": self.fault_text,
             "fault_code": None if self.permission.fault is None else self.permission.fault.cause.code,
             "stopping": self.permission.stopping,

@@ -119,8 +119,9 @@ async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
     try:
         return await context.cycle.supervisor.converse("monitor", lambda: _monitored(context, frontend), moves=True)
     except ANSWERABLE as error:
-        fault = context.cycle.status()["fault"]
-        raise CommandError(f"the controller's terminal was closed: {fault or error}") from error
+        raise CommandError(
+            f"the controller's terminal was closed: {context.cycle.supervisor.fault_text or error}"
+        ) from error
 
 
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:

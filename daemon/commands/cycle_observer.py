@@ -34,7 +34,7 @@ class CycleObserver:
             self._drift, self._calibration = DriftWatch(alone=camera), context.calibration
         drift = self._drift.add(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.report("calibration", None if drift is None else drift.text)
-        if drift is not None and drift.stops and context.cycle.status()["auto"]:
+        if drift is not None and drift.stops and context.cycle.auto_on:
             failing = context.cycle.supervisor.fail("calibration", drift.text, FaultCause(CauseCode.CAMERA_KNOCKED))
             self._start(failing, "calibration drift")
 

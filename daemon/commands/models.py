@@ -145,10 +145,10 @@ def _versions(context: CommandContext) -> list[str]:
 
 async def _confirm_during_pick(context: CommandContext, frontend: Frontend) -> None:
     """Ask before the model changes while the arm picks. Raises CommandError on anything but a yes."""
-    state = context.cycle.status()
-    if not state["auto"] and state["doing"] != "pick":
+    cycle = context.cycle
+    if not cycle.auto_on and cycle.supervisor.doing != "pick":
         return
-    what = "auto is on" if state["auto"] else "a pick is under way"
+    what = "auto is on" if cycle.auto_on else "a pick is under way"
     if not frontend.asks:
         raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
     if not await yes_or_no(frontend, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):

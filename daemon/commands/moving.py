@@ -46,7 +46,7 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
             "not enabled: the calibration in use has no hand_eye any more; `calibrate list` shows the others"
         )
     supervisor.enable(asked, grant)
-    fault = context.cycle.status()["fault"]
+    fault = supervisor.fault_text
     may = "The arm is enabled." if grant is Grant.ALL else "The arm is enabled for `robot` only."
     return CommandResult(may + (f" Clear the fault first: `resume` ({fault})." if fault else ""))
 
@@ -99,30 +99,30 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
     """
     supervisor = context.cycle.supervisor
     refuse_hasty_resume(context, frontend)
-    before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.hold.pauses
+    paused, stops, pauses = supervisor.hold.paused, supervisor.stops, supervisor.hold.pauses
     fault = supervisor.permission.fault
     if fault is None:
         supervisor.resume()
         nothing = "Nothing to resume: no fault is active, and motion is not paused."
-        return CommandResult("Motion resumed." if before["paused"] else nothing)
+        return CommandResult("Motion resumed." if paused else nothing)
     supervisor.refuse_while_stopping("resume")
     lines = [f"Fault cleared: {fault}."]
     camera_text = await camera_selection.offer_one_camera(context, fault, frontend)
     lines += [] if camera_text is None else [camera_text]
-    if before["holding"] is None and frontend.asks:
+    if context.cycle.belief.holds_part is None and frontend.asks:
         held = await yes_or_no(frontend, "Is a part in the gripper? [y/n]")
         if held is not None:
             supervisor.refuse_if_stopped_since(stops, "resume")
-            if supervisor.permission.fault is None or context.cycle.status()["holding"] is not None:
+            if supervisor.permission.fault is None or context.cycle.belief.holds_part is not None:
                 raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
             lines.append(_set_holding(context, held))
-    known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
+    known, pick_order = context.cycle.belief.holds_part is not None, context.cycle.pick_order
     may_enable = _has_hand_eye(context) and context.config.gripper is not None
     if known and pick_order is not None and frontend.asks and may_enable:
         left = cut_off(pick_order)
         agreed = await yes_or_no(frontend, f"{left}. Enable the arm and continue? [y/n]")
         if agreed is None:
-            raise CommandError(f"not resumed, the fault is still active: {before['fault']}; `resume` asks again")
+            raise CommandError(f"not resumed, the fault is still active: {fault.text}; `resume` asks again")
         if not agreed:
             return _clear_fault(context, lines, stops, pauses)
         await supervisor.test_stop()
@@ -150,9 +150,9 @@ def _clear_fault(context: CommandContext, lines: list[str], stops: int, pauses: 
     """Clear the fault, start nothing, and say what to type next. stops, pauses: their numbers before `resume`."""
     supervisor, pick_order = context.cycle.supervisor, context.cycle.pick_order
     supervisor.resume(stops, pauses)
-    if context.cycle.status()["holding"] is None:
+    if context.cycle.belief.holds_part is None:
         lines.append("Report whether a part is in the gripper before the next pick: `holding yes` or `holding no`.")
-    if not context.cycle.status()["enabled"]:
+    if not supervisor.permission.enabled:
         lines.append("The arm is disabled: `enable`, then `pick` or `auto on`.")
     if supervisor.hold.paused:
         lines.append(PAUSED)
@@ -171,7 +171,7 @@ async def pause(context: CommandContext, words: list[str], frontend: Frontend) -
 @command("abort", "move", at_once=True)
 async def abort(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Stop the arm and cancel the job; leaves no fault."""
-    done = "Stopped; the job is cancelled." if context.cycle.status()["doing"] else "No job was running."
+    done = "Stopped; the job is cancelled." if context.cycle.supervisor.busy else "No job was running."
     return _stop_result(await context.cycle.supervisor.abort(), done)
 
 
@@ -208,12 +208,12 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
         return await begin(context, _parse_auto(words[1:]) if word == "on" else _interrupted(context, words))
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
-        was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
+        was_on, left = context.cycle.auto_on, context.cycle.pick_order is not None
         context.cycle.auto_off()
         if not was_on:
             return CommandResult("The interrupted auto is cancelled." if left else "Auto is not running.")
         return CommandResult("Auto ends after the current part.")
-    if not context.cycle.status()["auto"]:
+    if not context.cycle.auto_on:
         raise CommandError("auto is not running; `auto on` starts it")
     ends = await with_questions(context, _follow_auto(context, frontend), frontend)
     picked = sum(end.outcome == "picked" for end in ends)
@@ -254,7 +254,7 @@ async def hand(context: CommandContext, words: list[str], frontend: Frontend) ->
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
     await with_questions(context, context.cycle.set_gripper(word == "close"), frontend)
-    if context.cycle.status()["dry"]:
+    if context.cycle.supervisor.mover.dry:
         return CommandResult("Dry run: planned, not sent.")
     return CommandResult("The gripper is open." if word == "open" else "The gripper is closed.")
 
@@ -289,13 +289,15 @@ async def step(context: CommandContext, words: list[str], _: Frontend) -> Comman
     """
     on = _on_or_off(words, step.usage)
     if on is None:
-        return _switch_state("step", bool(context.cycle.status()["step"]))
+        return _switch_state("step", context.cycle.supervisor.hold.stepping)
     context.cycle.supervisor.hold.step(on)
     if on:
         return CommandResult("Step mode is on: each move waits for `confirm` (y) or `refuse` (n).")
-    pending = context.cycle.status()["pending"]
-    still = "" if pending is None else f" This move still waits: {pending}; `confirm` sends it, `refuse` cancels it."
-    return CommandResult(f"Step mode is off.{still}")
+    waiting = context.cycle.supervisor.hold.waiting
+    if waiting is None:
+        return CommandResult("Step mode is off.")
+    still = f"This move still waits: {waiting.text}; `confirm` sends it, `refuse` cancels it."
+    return CommandResult(f"Step mode is off. {still}")
 
 
 @command("confirm", "move", at_once=True, aliases=YES)
@@ -316,7 +318,7 @@ async def dry(context: CommandContext, words: list[str], _: Frontend) -> Command
     """Plan, guard and log moves, but do not send them."""
     on = _on_or_off(words, dry.usage)
     if on is None:
-        return _switch_state("dry", bool(context.cycle.status()["dry"]))
+        return _switch_state("dry", context.cycle.supervisor.mover.dry)
     context.cycle.supervisor.dry(on)
     return CommandResult(
         "Dry run is on: moves are planned, guarded and logged, not sent." if on else "Dry run is off: moves are sent."

@@ -149,7 +149,7 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
     if not goals:
         return CommandResult("Every place is free: there is nothing to look at.", {"places": {}})
     await with_questions(context, context.cycle.look_at_places(goals), frontend)
-    if context.cycle.status()["dry"]:
+    if context.cycle.supervisor.mover.dry:
         return CommandResult(f"Dry run: {plural(len(goals), 'place')} planned, not looked at.")
     states = {name: placing.statuses.of(name) for name in names}
     right = all(state.status in (PlaceStatus.RIGHT, *FILLABLE) for state in states.values())
@@ -232,7 +232,7 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     else:
         _shape(context, label)
         pose = await with_questions(context, context.cycle.locate(label), frontend)
-        if context.cycle.status()["dry"]:
+        if context.cycle.supervisor.mover.dry:
             return CommandResult("Dry run: planned, nothing taught.")
     shape = _shape(context, label)
     pose = flattened(pose, shape, context.config.values.pick.limits.table_z_mm)
@@ -292,7 +292,7 @@ async def _clear(context: CommandContext, words: list[str], frontend: Frontend) 
     names = _names(context) if every else _places_named(context, words, "clear")
     if len(names) > 1 and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
-    if context.cycle.status()["doing"]:
+    if context.cycle.supervisor.busy:
         raise CommandError("a job is running: clear places when it has ended")
     for name in names:
         context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)

@@ -56,7 +56,7 @@ async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> 
     purpose = f"jog {axis} {distance:g} {unit} ({frame})"
     work = context.cycle.jog(partial(_moved, number, unit, distance, frame), purpose)
     pose = await with_questions(context, work, frontend)
-    if context.cycle.status()["dry"]:
+    if context.cycle.supervisor.mover.dry:
         return CommandResult("Dry run: planned, not sent.")
     return CommandResult(f"At {at_mm(pose[:3, 3])}.", {"world_from_tool": pose.tolist()})
 
@@ -102,7 +102,7 @@ async def go(context: CommandContext, words: list[str], frontend: Frontend) -> C
     own = position in named
     work = context.cycle.move_to(named[position], position) if own else context.cycle.go(position)
     await with_questions(context, work, frontend)
-    dry = context.cycle.status()["dry"]
+    dry = context.cycle.supervisor.mover.dry
     return CommandResult(f"Dry run: planned to {position}, not sent." if dry else f"At {position}.")
 
 

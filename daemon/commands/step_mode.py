@@ -10,6 +10,9 @@ from daemon.arm import RefusedError, Waiting
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandResult, Frontend, yes_or_no
 from daemon.errors import CommandError
+from daemon.pick.following import Target
+from daemon.pick.pose_fusion import Estimate
+from daemon.pick.transitions import PickState
 
 T = TypeVar("T")
 READ_S = 1.0
@@ -26,19 +29,20 @@ CHECK_WAITING_S = 0.5
 async def with_questions(context: CommandContext, work: Awaitable[T], frontend: Frontend) -> T:
     """Wait for the end of a motion. In step mode show each move at this frontend and ask whether to send it."""
     task = asyncio.ensure_future(work)
-    reported: Any = None
+    cycle, reported = context.cycle, (0, 0)
     waits, held = PendingMoveReminder(), False
     with context.notices.answered(frontend):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
-            state = context.cycle.status()
-            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != reported:
-                reported = state["cycle"], state["stop"]
-                await frontend.say(_progress(state))
-            if state.get("state") == "paused" and not held:
+            target = cycle.target
+            if target is not None and target.estimate is not None and (cycle.number, target.looks) != reported:
+                reported = cycle.number, target.looks
+                await frontend.say(_progress(target, target.estimate))
+            paused = cycle.state is PickState.PAUSED
+            if paused and not held:
                 await frontend.say("Paused before the next move: `resume` continues.")
-            held = state.get("state") == "paused"
-            waiting = context.cycle.supervisor.hold.waiting
+            held = paused
+            waiting = cycle.supervisor.hold.waiting
             if waiting is not None and frontend.asks:
                 await _ask_to_send(context, waiting, task, frontend)
             elif (line := waits.due(waiting)) is not None:
@@ -86,9 +90,9 @@ async def _ask_to_send(context: CommandContext, waiting: Waiting, job: asyncio.F
     await asyncio.wait([asking])
 
 
-def _progress(state: dict[str, Any]) -> str:
-    error = f"{state['predicted_mm']:.2f} mm {state['predicted_deg']:.2f} degrees"
-    return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
+def _progress(target: Target, estimate: Estimate) -> str:
+    error = f"{estimate.predicted_mm:.2f} mm {estimate.predicted_deg:.2f} degrees"
+    return f"{target.label}, look {target.looks}: predicted error at the grasp {error}"
 
 
 def refuse_hasty_confirm(context: CommandContext) -> None:
@@ -114,6 +118,6 @@ def decide(context: CommandContext, yes: bool) -> CommandResult:
         hold.confirm()
     else:
         hold.refuse()
-    if yes and context.cycle.status()["paused"]:
+    if yes and hold.paused:
         return CommandResult("Move confirmed. Motion is paused: `resume` sends the move.")
     return CommandResult("Move confirmed." if yes else "Move not sent; the job is cancelled.")

@@ -35,7 +35,7 @@ async def learn_around(context: CommandContext, label: str, count: int, frontend
         thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, frontend.say), frontend)
     except NoSinglePartError as error:
         raise CommandError(f"teach {label}: {error}") from None
-    if context.cycle.status().get("dry"):
+    if context.cycle.supervisor.mover.dry:
         raise RefusedError(f"dry: {plural(count, 'place')} planned; a dry run learns nothing: `dry off`, then repeat")
     try:
         part = await context.worker(_fused_part, thing, looks, context.cycle.settings, trainer.library)

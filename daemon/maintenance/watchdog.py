@@ -12,6 +12,7 @@ from pathlib import Path
 
 from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.events.codes import CauseCode, FaultCause, cause_of
+from daemon.events.outcomes import tally
 from daemon.maintenance import journal
 from daemon.maintenance.troubles import WatchedDaemon
 from daemon.store.files import plain
@@ -60,19 +61,19 @@ class Watchdog:
 
     def status_line(self) -> str:
         """One line for `systemctl status`."""
-        state = self._context.cycle.status()
-        troubles = "; ".join(self._context.troubles.active.values())
-        job = f"{state['doing'] or 'idle'} ({state['state']})"
-        doing = journal.fault_line(str(state["fault"]), state["fault_code"]) if state["fault"] else job
-        return f"{doing}; {state['picked']} of {state['tried']} picked" + (f"; {troubles}" if troubles else "")
+        cycle, troubles = self._context.cycle, "; ".join(self._context.troubles.active.values())
+        fault, counted = cycle.supervisor.permission.fault, tally(cycle.tally)
+        job = f"{cycle.supervisor.doing or 'idle'} ({cycle.state})"
+        doing = job if fault is None else journal.fault_line(fault.text, fault.cause.code)
+        return f"{doing}; {counted.picked} of {counted.tried} picked" + (f"; {troubles}" if troubles else "")
 
     def _tick(self) -> None:
         now = time.monotonic()
         halted_s, self._ticked_s = now - self._ticked_s, now
         self._start("sleep", partial(self._check_sleep, halted_s), now, 0.0)
         health = self._context.config.values.health
-        state = self._context.cycle.status()
-        busy = state["doing"] is not None
+        supervisor = self._context.cycle.supervisor
+        busy = supervisor.busy
         if self._may_check("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
         if self._heard_unasked or self._line_lost_in_a_stop:
@@ -82,7 +83,7 @@ class Watchdog:
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)
-        if state["fault"] is None:
+        if supervisor.permission.fault is None:
             self._context.troubles.report("restart", None)
         self._check_clock()
         self._roll(busy)

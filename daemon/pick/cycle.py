@@ -40,6 +40,7 @@ from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Report, look_from_around
+from daemon.pick.following import Target
 from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, notify
 from daemon.pick.place_table import PlaceTable
@@ -124,9 +125,24 @@ class PickCycle:
     def belief(self) -> CellBelief:
         return self.beliefs.now
 
+    @property
+    def auto_on(self) -> bool:
+        """Whether auto goes on after the current part."""
+        return self._auto
+
+    @property
+    def number(self) -> int:
+        """The number of the latest cycle, from 1; 0: none has begun."""
+        return self._cycles
+
+    @property
+    def target(self) -> Target | None:
+        """The part that is being approached."""
+        return None if self._world is None else self._world.target
+
     def status(self) -> dict[str, Any]:
         """How things stand, JSON values only."""
-        target = None if self._world is None else self._world.target
+        target = self.target
         estimate = None if target is None else target.estimate
         order, counted = self.pick_order, tally(self.tally)
         return {
@@ -163,8 +179,9 @@ class PickCycle:
 
     @property
     def packml(self) -> PackMLState:
+        permission = self.supervisor.permission
         at_work = self.supervisor.busy and self.supervisor.job_moves and not self.production_line.waits_to_begin
-        return packml_state(self.supervisor.status(), at_work, self.production_line.done)
+        return packml_state(permission.blocked, permission.enabled, at_work, self.production_line.done)
 
     def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused). What may be in

@@ -1,6 +1,5 @@
 """PackML's state of the cell (ISA-TR88.00.02), the five that a machine must have. Pure."""
 
-from collections.abc import Mapping
 from enum import StrEnum
 
 
@@ -19,12 +18,12 @@ class PackMLState(StrEnum):
     """A fault is active, or the arm is being stopped."""
 
 
-def packml_state(status: Mapping[str, object], at_work: bool, done: bool) -> PackMLState:
-    """The cell's state. status: of the supervisor; at_work: a job may move the arm and does not wait for the line to
-    start; done: `part_done` is on."""
-    if status["fault"] is not None or status["stopping"]:
+def packml_state(stopped: bool, enabled: bool, at_work: bool, done: bool) -> PackMLState:
+    """The cell's state. stopped: a fault is active, or a stop is under way; enabled: the arm is; at_work: a job may
+    move the arm and does not wait for the line to start; done: `part_done` is on."""
+    if stopped:
         return PackMLState.ABORTED
-    if not status["enabled"]:
+    if not enabled:
         return PackMLState.STOPPED
     if at_work:
         return PackMLState.EXECUTE

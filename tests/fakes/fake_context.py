@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -26,6 +27,7 @@ from daemon.pick.place_table import PlaceTable
 from daemon.pick.planning.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
+from daemon.pick.transitions import PickState
 from daemon.signals.packml import PackMLState
 from daemon.signals.production_line import ProductionLine
 from tests.fakes.checked_record import checked
@@ -55,6 +57,12 @@ class FakeCycle:
     pauses: int = 0
     paused: bool = False
     auto: bool = False
+    dry: bool = False
+    stepping: bool = False
+    enabled: bool = True
+    state: PickState = PickState.IDLE
+    target: None = None
+    tally: Counter[str] = field(default_factory=Counter)
     skipped: list[dict[str, Any]] = field(default_factory=list)
     placing: PlaceTable = field(default_factory=PlaceTable)
     recogniser: Any = None
@@ -93,6 +101,19 @@ class FakeCycle:
         return None if self.pending is None else _waiting(self.pending)
 
     @property
+    def mover(self) -> FakeCycle:
+        """The mover: this fake itself."""
+        return self
+
+    @property
+    def busy(self) -> bool:
+        return self.doing is not None
+
+    @property
+    def auto_on(self) -> bool:
+        return self.auto
+
+    @property
     def fault_text(self) -> str | None:
         """The active fault as a line for people."""
         return None if self.fault is None else self.fault.text
@@ -100,9 +121,9 @@ class FakeCycle:
     def status(self) -> dict[str, Any]:
         return {
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault_text,
-            "fault_code": self.fault and self.fault.cause.code, "enabled": True,
-            "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
-            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
+            "fault_code": self.fault and self.fault.cause.code, "enabled": self.enabled,
+            "paused": False, "step": self.stepping, "dry": self.dry, "pending": self.pending, "auto": self.auto,
+            "cycle": 1, "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
             "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,
             "skipped": self.skipped, "last": None, "packml": self.packml, "waits_for": self.production_line.waits_for,
         }  # fmt: skip

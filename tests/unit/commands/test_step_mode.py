@@ -13,6 +13,7 @@ from daemon.arm.permission import MotionPermission
 from daemon.commands import step_mode
 from daemon.commands.step_mode import with_questions
 from daemon.console.notices import Notices
+from daemon.pick.transitions import PickState
 from tests.fakes.waiting import PATIENCE_S, until_so
 
 
@@ -32,11 +33,6 @@ class Asked:
         return await self.questions[-1]
 
 
-def how_it_stands(hold: PauseAndStep) -> dict[str, object]:
-    pending = None if hold.waiting is None else hold.waiting.text
-    return {"predicted_mm": None, "pending": pending, "paused": hold.paused}
-
-
 def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -44,7 +40,7 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
     monkeypatch.setattr(step_mode, "POLL_S", 0.01)
     hold, frontend = PauseAndStep(MotionPermission(), lambda _: None), Asked()
     hold.step(True)
-    cycle = SimpleNamespace(supervisor=SimpleNamespace(hold=hold), status=lambda: how_it_stands(hold))
+    cycle = SimpleNamespace(supervisor=SimpleNamespace(hold=hold), target=None, state=PickState.SURVEY)
     context: Any = SimpleNamespace(cycle=cycle, notices=Notices())
 
     async def twice() -> None:

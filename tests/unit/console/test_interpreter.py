@@ -485,8 +485,7 @@ def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_move
 
 @pytest.mark.parametrize("word", ["open", "close"])
 def test_a_hand_in_a_dry_run_is_not_said_to_have_moved(context: Any, word: str) -> None:
-    dry = {**context.cycle.status(), "dry": True}
-    context.cycle.status = lambda: dry
+    context.cycle.dry = True
     assert say(context, f"hand {word}").text == "Dry run: planned, not sent."
 
 

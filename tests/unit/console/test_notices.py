@@ -18,6 +18,7 @@ from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.events.outcomes import BROUGHT
 from daemon.events.pick_order import PickOrder
+from daemon.pick.transitions import PickState
 from tests.fakes.in_time import lived
 from tests.fakes.waiting import until_so
 
@@ -221,22 +222,16 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
     assert [one.outcome for one in lived(run())] == ["picked"]
 
 
-def waited_for(state: dict[str, Any]) -> Any:
-    """A context in which what waits by this state does."""
-
-    class Holding:
-        @property
-        def waiting(self) -> Waiting | None:
-            return state["waiting"]
-
-    supervisor = SimpleNamespace(hold=Holding())
-    return SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state), supervisor=supervisor), notices=Notices())
+def waited_for(waiting: Waiting | None = None) -> Any:
+    """A context in which this move waits."""
+    supervisor = SimpleNamespace(hold=SimpleNamespace(waiting=waiting))
+    cycle = SimpleNamespace(supervisor=supervisor, target=None, state=PickState.SURVEY)
+    return SimpleNamespace(cycle=cycle, notices=Notices())
 
 
 def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
-    state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
     decided = asyncio.Event()
-    context = waited_for(state)
+    context = waited_for(HOME)
     frontend = Frontend()
 
     async def move() -> str:
@@ -246,7 +241,7 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
     async def run() -> str:
         waiting = asyncio.create_task(with_questions(context, move(), frontend))  # type: ignore[arg-type]
         await until_so(lambda: frontend.asked)
-        state["waiting"] = None
+        context.cycle.supervisor.hold.waiting = None
         await until_so(lambda: frontend.withdrawn)
         decided.set()
         return await waiting
@@ -257,13 +252,12 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
 
 def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() -> None:
     """Nothing was said: whoever went to the arm to see why stood there when it was let go."""
-    state: dict[str, Any] = {"state": "idle", "waiting": None, "predicted_mm": None}
-    context = waited_for(state)
+    context = waited_for()
     frontend = Frontend()
 
     async def move() -> None:
-        for held in ("idle", "paused", "idle", "paused"):
-            state["state"] = held
+        for held in (PickState.SURVEY, PickState.PAUSED) * 2:
+            context.cycle.state = held
             await asyncio.sleep(2.5 * step_mode.POLL_S)
 
     lived(with_questions(context, move(), frontend))  # type: ignore[arg-type]
@@ -290,8 +284,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
     """A script, or an auto, in step mode would hang without a word of what is waited for."""
     monkeypatch.setattr(step_mode, "CHECK_WAITING_S", 0.0)
     monkeypatch.setattr(step_mode, "REMIND_S", 0.1)
-    state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
-    context = waited_for(state)
+    context = waited_for(HOME)
     script, console = Frontend(), Frontend()
     script.asks = False
     context.notices.listen(console)
@@ -309,7 +302,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
         heard, said = len(console.heard), len(script.said)
         await until_so(lambda: len(script.said) > said + 2)
         assert len(console.heard) == heard, "who is asked is not told as well"
-        state["waiting"] = None
+        context.cycle.supervisor.hold.waiting = None
         confirmed.set()
         await asyncio.gather(moving_on, asked)
         watching.cancel()

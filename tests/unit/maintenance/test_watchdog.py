@@ -7,6 +7,7 @@ import errno
 import os
 import shutil
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,7 +47,7 @@ class WatchedCell:
         self.context: Any = SimpleNamespace(
             config=SimpleNamespace(values=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
             hardware=SimpleNamespace(clock=time.monotonic, cameras=self, robot=self),
-            cycle=SimpleNamespace(status=self.status, supervisor=self),
+            cycle=SimpleNamespace(supervisor=self, state="idle", tally=Counter()),
             troubles=Troubles(),
             run_log=self.run_log,
             roll_due=False,
@@ -59,18 +60,8 @@ class WatchedCell:
         self.doing: str | None = None
 
     @property
-    def fault(self) -> str | None:
-        return self.failed[-1] if self.failed else None
-
-    def status(self) -> dict[str, Any]:
-        return {
-            "doing": self.doing,
-            "fault": self.fault,
-            "fault_code": "camera_lost",
-            "state": "idle",
-            "picked": 0,
-            "tried": 0,
-        }
+    def busy(self) -> bool:
+        return self.doing is not None
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:

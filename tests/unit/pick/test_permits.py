@@ -14,6 +14,7 @@ from daemon.events.pick_order import OrderStep, PickOrder
 from daemon.pick.cycle import LINE_PERMITS
 from daemon.pick.transitions import PickState
 from daemon.signals.input_form import FORMS, InputForm
+from daemon.signals.packml import PackMLState
 from daemon.signals.production_line import ProductionLine
 from daemon.signals.settings import SignalSettings
 from tests.fakes.fake_cell import World, cycle_of, one_part
@@ -150,13 +151,13 @@ def test_a_job_on_signal_brings_the_part_of_its_next_step_for_each_start() -> No
 @pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("waits", [False, True])
 def test_packml_says_at_work_of_a_job_that_may_move_the_arm_and_no_longer_waits_for_the_line(
-    busy: bool, moves: bool, waits: bool, monkeypatch: pytest.MonkeyPatch
+    busy: bool, moves: bool, waits: bool
 ) -> None:
     cycle: Any = cycle_of(one_part())
-    cycle.supervisor = SimpleNamespace(busy=busy, job_moves=moves, status=dict)
-    cycle.production_line = SimpleNamespace(waits_to_begin=waits, done=3)
-    monkeypatch.setattr("daemon.pick.cycle.packml_state", lambda _, at_work, done: (at_work, done))
-    assert cycle.packml == (busy and moves and not waits, 3)
+    permission = SimpleNamespace(blocked=False, enabled=True)
+    cycle.supervisor = SimpleNamespace(busy=busy, job_moves=moves, permission=permission)
+    cycle.production_line = SimpleNamespace(waits_to_begin=waits, done=True)
+    assert cycle.packml is (PackMLState.EXECUTE if busy and moves and not waits else PackMLState.COMPLETE)
 
 
 @pytest.mark.parametrize("asks", ["wanted", "brought"])

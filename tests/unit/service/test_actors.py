@@ -135,13 +135,8 @@ def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser | None = N
     return Present(cycle.cell, cycle.supervisor.mover, own, cycle.settings, cycle.observer)
 
 
-def idle_status(cycle: PickCycle, status: Callable[[PickCycle], dict[str, object]] = PickCycle.status) -> Any:
-    """As if nothing were being done."""
-    return {**status(cycle), "doing": None}
-
-
 CONTEXT_OF_ITS_OWN: Guard = (PickCycle, "_context", context_of_the_cycle)
-RELOADS_BETWEEN_JOBS: Guard = (PickCycle, "status", idle_status)
+RELOADS_BETWEEN_JOBS: Guard = (Supervisor, "busy", property(lambda _: False))
 REFITS_BETWEEN_JOBS: Guard = (Supervisor, "refuse_during_job", nothing)
 SAYS_GAPS: Guard = (RunLog, "_write_gap", nothing)
 TELLS_TROUBLE: Guard = (RunLog, "_tell", nothing)

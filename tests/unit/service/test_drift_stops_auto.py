@@ -30,7 +30,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         failed.append((code, text))
 
     async def story() -> dict[str, str]:
-        cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
+        cycle = SimpleNamespace(auto_on=auto, supervisor=SimpleNamespace(fail=fail))
         context: Any = SimpleNamespace(cycle=cycle, troubles=Troubles(), calibration=None)
         between: Any = CycleObserver(context, Service(Path("facetd.yaml")).in_background)
         between._drift = SimpleNamespace(add=lambda clue, at: drift, alone=None)

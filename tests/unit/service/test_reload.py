@@ -82,9 +82,9 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
         config=None, calibration=None, hardware=None, log=None, worker=None,
         notices=SimpleNamespace(tell=lambda text, by=None: told.append(text)),
         cycle=SimpleNamespace(
-            status=lambda: {"doing": None},
             supervisor=SimpleNamespace(
-                permission=SimpleNamespace(granted=True), disable=disable, refuse_during_job=refuse_during_job
+                busy=False, permission=SimpleNamespace(granted=True), disable=disable,
+                refuse_during_job=refuse_during_job
             ),
         ),
     )  # fmt: skip

@@ -188,18 +188,17 @@ def test_a_line_that_fails_twice_is_a_trouble_and_one_that_answers_again_is_over
 
 
 @pytest.mark.parametrize(
-    ("status", "at_work", "done", "state"),
+    ("stopped", "enabled", "at_work", "done", "state"),
     [
-        ({"fault": "x", "stopping": False, "enabled": True}, True, True, ABORTED),
-        ({"fault": None, "stopping": True, "enabled": True}, True, True, ABORTED),
-        ({"fault": None, "stopping": False, "enabled": False}, True, True, PackMLState.STOPPED),
-        ({"fault": None, "stopping": False, "enabled": True}, True, True, EXECUTE),
-        ({"fault": None, "stopping": False, "enabled": True}, False, True, COMPLETE),
-        ({"fault": None, "stopping": False, "enabled": True}, False, False, IDLE),
+        (True, True, True, True, ABORTED),
+        (False, False, True, True, PackMLState.STOPPED),
+        (False, True, True, True, EXECUTE),
+        (False, True, False, True, COMPLETE),
+        (False, True, False, False, IDLE),
     ],
 )
-def test_the_five_states_of_packml(status: Any, at_work: bool, done: bool, state: PackMLState) -> None:
-    assert packml_state(status, at_work, done) is state
+def test_the_five_states_of_packml(stopped: bool, enabled: bool, at_work: bool, done: bool, state: PackMLState) -> None:
+    assert packml_state(stopped, enabled, at_work, done) is state
 
 
 CUP = {
