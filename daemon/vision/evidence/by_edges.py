@@ -229,7 +229,7 @@ def _name_if_unrivalled(
     pose = measured.fit.cyclopean_from_part
     if other_size_nats(one.solid, pose, measured.edges, tolerance) >= OTHER_SIZE:
         return None
-    if other_radius_nats(one.solid, pose, search.circles, tolerance) >= OTHER_RADIUS:
+    if other_radius_nats(one.solid, pose, measured.edges, tolerance) >= OTHER_RADIUS:
         return None
     if not measured.facets:  # of edges alone, without a facet, no part is made
         return None

@@ -10,11 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import MeasuredCircle, differs_mm
 from daemon.vision.geometry import Polyhedron, solve, whitener
-from daemon.vision.hypotheses import rims_of
 from daemon.vision.image import MODEL_PX
 from daemon.vision.refine import LINE_SIGMAS, PRIOR, WORN_MM, EdgeObservation
 
@@ -24,41 +21,32 @@ OUTLIER, PASSES = 5.0, 8
 """Sigmas off at which a line counts a quarter: at a size that is not the part's many are three off; and how often lines
 are weighed anew."""
 
-RIM_MM, RIM_TURN = 2.0, np.cos(np.radians(10.0))
-"""How far from a rim of a named part, and how askew, a seen circle of about its radius is that rim."""
-OF_RADIUS, OF_TOLERANCE = 0.01, 0.5
-"""How far off the radii of seen circles are beyond their covariance, a standard deviation as a share (of 17 arcs half
-were within .6 %, of python -m tests.bench.arcs); and the share of what naming allows corners to be off that a radius
-may be."""
+OF_TOLERANCE = 0.5
+"""The share of what naming allows corners to be off that a radius may be."""
+
+PARALLEL, LOOSE = 0.98, 0.01
+"""Cosine from which on a flat facet goes on from a curved surface; and the share of how firmly its surfaces hold a
+corner at most below which they leave it free."""
 
 
-def other_radius_nats(solid: Polyhedron, pose: Array, circles: Sequence[MeasuredCircle], tolerance_mm: float) -> float:
-    """Log likelihood ratio, in nats, of circles that both cameras see against the taught radii of the arcs in a part's
-    outline, at cyclopean_from_part (4, 4), of the one that says most: what bends one circle's image bends the others'.
-    Edges are fitted one by one, and a pose gives way to a few per cent of a radius."""
-    nats = 0.0
-    for rim in rims_of(solid):
-        at, normal = frames.apply(pose, rim.centre_mm[None])[0], pose[:3, :3] @ rim.normal
-        off_mm, variance = min(
-            (
-                (abs(one.radius_mm - rim.radius_mm), float(one.covariance[5, 5]))
-                for one in circles
-                if abs(one.normal @ normal) > RIM_TURN  # a rim shows from behind as well, round a curved side
-                and np.linalg.norm(one.centre_mm - at) < RIM_MM
-                and abs(one.radius_mm - rim.radius_mm) < differs_mm(rim.radius_mm)
-            ),
-            default=(0.0, 0.0),
-        )
-        if rim.outer:
-            known = (OF_RADIUS * rim.radius_mm) ** 2 + (OF_TOLERANCE * tolerance_mm) ** 2
-            nats = max(nats, off_mm**2 / (variance + known) / 2)
-    return nats
+def other_radius_nats(
+    solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float
+) -> float:
+    """Log likelihood ratio, in nats, of another radius of the arcs in a part's outline against the taught one, from
+    edges that both cameras observed, at cyclopean_from_part (4, 4); 0 where it has no arc, or no edge was measured."""
+    ways = _growths(solid)
+    if not len(ways):
+        return 0.0
+    taught_mm2 = np.einsum("mki,kij,mkj->m", ways, solid.covariance_mm2, ways) / (ways**2).sum((1, 2)) ** 2
+    known_mm = np.sqrt((OF_TOLERANCE * tolerance_mm) ** 2 + taught_mm2)
+    taught, other = _misfits(pose, observed, tolerance_mm, ways, known_mm)
+    return float((taught - other).max())
 
 
 def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:
     """Log likelihood ratio, in nats, of another size along or across one direction of the part against the taught size,
     from edges that both cameras observed, at cyclopean_from_part (4, 4); 0 where none was measured."""
-    taught, other = _misfits(solid, pose, observed, tolerance_mm)
+    taught, other = _misfits_of_sizes(solid, pose, observed, tolerance_mm)
     return float((taught - other).max())
 
 
@@ -66,15 +54,24 @@ def misfit_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservati
     """How far from a part's edges, at cyclopean_from_part (4, 4), both cameras observed them, in nats; an edge that is
     not there counts as one that is far off."""
     missing = sum(np.count_nonzero(~seen.there & seen.edges.sharp) for seen in observed)
-    return float(_misfits(solid, pose, observed, tolerance_mm)[0].min() + missing * OUTLIER**2 / 2)
+    return float(_misfits_of_sizes(solid, pose, observed, tolerance_mm)[0].min() + missing * OUTLIER**2 / 2)
+
+
+def _misfits_of_sizes(
+    solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float
+) -> tuple[Array, Array]:
+    """_misfits along the ways of _stretches."""
+    ways = _stretches(solid)
+    return _misfits(pose, observed, tolerance_mm, ways, np.full(len(ways), np.sqrt(2) * tolerance_mm))
 
 
 def _misfits(
-    solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float
+    pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float, ways: Array, known_mm: Array
 ) -> tuple[Array, Array]:
-    """(M,) nats by which observed edges miss those of the taught size, and of another, along each of the M ways of
-    _stretches; noughts where no edge was measured."""
-    stretches = _stretches(solid) @ pose[:3, :3].T
+    """(M,) nats by which observed edges miss those of the taught size, and of another, along each of M ways
+    (M, K, 3), in the part's frame, along which the taught size is known to known_mm (M,); noughts where no edge was
+    measured."""
+    stretches = ways @ pose[:3, :3].T
     lines = [seen for seen in observed if seen.sides is not None and len(seen.off)]
     if not lines:
         return np.zeros(len(stretches)), np.zeros(len(stretches))
@@ -97,7 +94,7 @@ def _misfits(
     used = np.repeat(np.concatenate(use)[None].astype(float), len(far), 0)
     held = np.zeros((len(far), 8, 8))
     held[:, :6, :6], held[:, 7, 7] = PRIOR, WORN_MM**-2
-    held[: len(stretches), 6, 6], held[len(stretches) :, 6, 6] = (np.sqrt(2) * tolerance_mm) ** -2, OTHER_MM**-2
+    held[: len(stretches), 6, 6], held[len(stretches) :, 6, 6] = known_mm**-2.0, OTHER_MM**-2
     found = solve(np.concatenate([design, design]), far, used, held, passes=PASSES, grows=False, outlier=OUTLIER)
     misfit = (used * OUTLIER**2 * found.miss / (OUTLIER**2 + found.miss)).sum(1)
     misfit += (found.unknowns[:, None] @ held @ found.unknowns[..., None])[:, 0, 0]
@@ -114,3 +111,26 @@ def _stretches(solid: Polyhedron) -> Array:
         along = (from_middle @ way)[:, None] * way
         found += [one / max(2 * np.linalg.norm(one, axis=1).max(), 1e-9) for one in (along, from_middle - along)]
     return np.array(found)
+
+
+@lru_cache(maxsize=256)
+def _growths(solid: Polyhedron) -> Array:
+    """(M, K, 3) how corners move, in the part's frame, for each mm by which one of the radii of the arcs in its outline
+    is larger: with the curved surface, and with flat facets that go on from it."""
+    ends, circles = solid.lines[0], solid.circles
+    radii, found = np.round(circles[:, 3], 1), list[Array]()
+    of_corner = np.array([[k in ring for ring in solid.facets] for k in range(len(solid.corners_mm))])
+    for radius in np.unique(radii[radii > 0]):
+        (arcs,) = np.nonzero(radii == radius)
+        corners = ends[arcs].ravel()
+        spokes = solid.corners_mm[corners] - circles[arcs, :3].repeat(2, 0)
+        spokes /= np.linalg.norm(spokes, axis=1, keepdims=True)
+        along = spokes @ solid.normals.T
+        goes_on = (np.abs(along) > PARALLEL) & of_corner[corners]
+        out = np.sign((along * goes_on).sum(0))  # by how much facets move along their normals
+        rows = of_corner[..., None] * solid.normals  # (K, F, 3): a corner stays on all of its surfaces
+        held, towards = rows.swapaxes(1, 2) @ rows, rows.swapaxes(1, 2) @ out
+        np.add.at(held, corners, spokes[:, :, None] * spokes[:, None])
+        np.add.at(towards, corners, spokes)
+        found.append((np.linalg.pinv(held, rcond=LOOSE, hermitian=True) @ towards[..., None])[..., 0])
+    return np.array(found).reshape(len(found), *solid.corners_mm.shape)

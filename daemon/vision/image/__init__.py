@@ -10,6 +10,7 @@ from daemon.vision.image.edge_lines import (
     find_sides,
     fit_sides,
     levels_across,
+    line_beside,
     peak_places,
     peaks,
     probe_sides,

@@ -71,18 +71,22 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     """
     chord = end_px - start_px
     length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
-    trim = np.minimum(trim_px, 0.25 * length)
-    count = np.minimum(np.maximum(np.ceil((length - 2 * trim) / spacing_px), FEWEST), MOST).astype(np.intp)
+    reach = measured_reach(length, trim_px)
+    count = np.minimum(np.maximum(np.ceil(reach * length / spacing_px), FEWEST), MOST).astype(np.intp)
     first = count.cumsum() - count
     side = np.arange(len(count)).repeat(count)
     normal = outward(chord, length)
     bow = np.zeros_like(chord) if bow_px is None else bow_px
-    reach = 1 - 2 * trim / length
     by_side = np.concatenate([(start_px + end_px).T / 2, chord.T / 2, bow.T, normal.T, [first, 2 / count, reach]])
     here = by_side.take(side, 1)
     at = ((np.arange(len(side)) - here[8] + 0.5) * here[9] - 1) * here[10]
     base = here[0:2] + at * here[2:4] + (1 - at * at) * here[4:6]
     return Calipers(side, first, count, at, base, here[6:8], normal, spacing_px)
+
+
+def measured_reach(length_px: Array, trim_px: float) -> Array:
+    """How far from its middle, as a share of its half, each side (S,) px long is measured."""
+    return np.asarray(1 - 2 * np.minimum(trim_px, 0.25 * length_px) / length_px)
 
 
 def lens_bow(start_px: Array, end_px: Array, camera: RectifiedCamera | None) -> Array | None:
@@ -150,7 +154,7 @@ def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
     trim_px left out at either end."""
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     middles = (np.arange(BLOCKS) + 0.5) / BLOCKS * 2 - 1
-    return length, middles * (1 - 2 * np.minimum(trim_px, 0.25 * length) / length)[:, None]
+    return length, middles * measured_reach(length, trim_px)[:, None]
 
 
 def bilinear(image: Fine, x: Image32, y: Image32) -> Image32:

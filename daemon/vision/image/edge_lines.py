@@ -28,6 +28,7 @@ from daemon.vision.image.calipers import (
     face_planes,
     lay_calipers,
     lens_bow,
+    measured_reach,
     profiles,
     stretch_profiles,
     stretches,
@@ -286,6 +287,16 @@ def fit_sides(
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     evidence = np.abs(steps.height) / steps.height_sigma
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
+
+
+def line_beside(bow_px: Array, length_px: Array) -> Array:
+    """(S, 2) px how far out of the chord the straight line lies, at its start and end, that fit_sides lays along sides
+    (S,) px long that are bent: bow_px (S, 3), as stretch_slopes has it. It measures the middle alone, where the side is
+    farthest out."""
+    first, middle, last = bow_px.T
+    among = measured_reach(np.maximum(length_px, 1e-6), _TRIM_PX) ** 2 / 3
+    mean, half = (1 - among) * middle + among * (first + last) / 2, (last - first) / 2
+    return np.stack([mean - half, mean + half], 1)
 
 
 def _bows(exposures: Sequence[tuple[MeasuredImage, int]], start: Array, end: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Camera, SolidBatch, in_sight, onto_circles, outward, sides_of, thickness
-from daemon.vision.image import MODEL_PX, Sides, StereoImages, fit_sides
+from daemon.vision.image import MODEL_PX, Sides, StereoImages, fit_sides, line_beside
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
@@ -104,10 +104,8 @@ class ExpectedEdges:
 
     @property
     def line_off(self) -> Array:
-        """(E, 2) how far off its ends the line lies that is nearest to the arc, px."""
-        start, middle, end = self.bow.T
-        mean, half = (start + 4 * middle + end) / 6, (end - start) / 2
-        return np.stack([mean - half, mean + half], 1)
+        """(E, 2) how far off its ends the line is measured that lies along the arc, px."""
+        return line_beside(self.bow, self.lengths_px)
 
     @property
     def lengths_px(self) -> Array:

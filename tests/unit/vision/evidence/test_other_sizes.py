@@ -8,15 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon import frames
+from daemon.arrays import Array
+from daemon.store.library import load_facets
+from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.evidence.by_edges import OTHER_RADIUS, OTHER_SIZE
 from daemon.vision.evidence.other_sizes import other_radius_nats, other_size_nats
-from daemon.vision.facets import MeasuredCircle
-from daemon.vision.geometry import OutlineArc, Polyhedron, exact
-from daemon.vision.hypotheses import rims_of
+from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.image import open_stereo
-from daemon.vision.refine import refine_from_pose
+from daemon.vision.refine import EdgeObservation, refine_from_pose
 from tests.fakes import painted
+from tests.fakes.drawn import obj
 from tests.fakes.printed import straight_rig
 from tests.fakes.solids import Body, pose, prism
 
@@ -64,54 +65,58 @@ def test_without_measured_edges_nothing_is_said() -> None:
     assert other_size_nats(solid, WHERE, (), TOLERANCE_MM) == 0.0
 
 
-RADIUS_MM = 14.0
+RADIUS_MM, HIGH_MM = 12.0, 20.0
+
+
+def round_ended(radius_mm: float, strips: int = 36) -> Body:
+    """A block with a round end about the origin, of that radius, and as wide."""
+    turns = np.linspace(-np.pi / 2, np.pi / 2, strips + 1)
+    round_ = radius_mm * np.column_stack([np.cos(turns), np.sin(turns)])
+    return prism(np.array([[-40.0, radius_mm], [-40.0, -radius_mm], *round_]), HIGH_MM)
 
 
 @cache
-def with_round_ends() -> Polyhedron:
-    """A block of whose outline two arcs of one radius are part, on one face."""
-    solid = exact(block().corners_mm, block().facets)
-    x, y = solid.flat_from_solid[0, :3, :3][:2]
-    turns = np.linspace(0, np.pi, 24)[:, None]
-    half = RADIUS_MM * (np.cos(turns) * x + np.sin(turns) * y)
-    arcs = (OutlineArc(0, solid.centres_mm[0] + half + 12 * y), OutlineArc(0, solid.centres_mm[0] - half - 12 * y))
-    return replace(solid, arcs=arcs)
+def with_round_end() -> Polyhedron:
+    """It, drawn, its centre at the origin."""
+    body = round_ended(RADIUS_MM)
+    solid = solid_drawn("rounded.obj", obj(body.corners_mm, list(body.facets)), "mm", load_facets())
+    middle = solid.circles[solid.circles[:, 3] > 0, :3].mean(0) - [0.0, 0.0, HIGH_MM / 2]
+    arcs = tuple(replace(arc, points_mm=arc.points_mm - middle) for arc in solid.arcs)
+    return replace(solid, corners_mm=solid.corners_mm - middle, arcs=arcs)
 
 
-def radius_nats(share: float, *, beside_mm: float = 0.0, seen_from: float = 1.0) -> float:
-    """What circles so many times as large, and so far beside its arcs, say against it."""
-    spread = np.diag([0.05**2] * 3 + [1e-4] * 2 + [0.05**2])
-    circles = [
-        MeasuredCircle(
-            frames.apply(WHERE, rim.centre_mm[None])[0] + [beside_mm, 0, 0],
-            seen_from * WHERE[:3, :3] @ rim.normal,
-            share * rim.radius_mm,
-            spread,
-            None,
-            None,
-        )
-        for rim in rims_of(with_round_ends())
-    ]
-    return other_radius_nats(with_round_ends(), WHERE, circles, TOLERANCE_MM)
+@cache
+def measured(shown_mm: float) -> tuple[Array, tuple[EdgeObservation, EdgeObservation]]:
+    """The pose (4, 4) and the edges of one of that radius, taken for the one drawn."""
+    shown = [(round_ended(shown_mm, strips=120), WHERE)]
+    images = open_stereo(*painted.paint_pair(shown, np.random.default_rng(4), straight_rig()), straight_rig())
+    fit, edges = refine_from_pose(with_round_end(), images, WHERE, TOLERANCE_MM)
+    return fit.cyclopean_from_part, edges
 
 
-def test_circles_of_the_taught_radius_say_nothing_against_it_and_others_do() -> None:
-    assert radius_nats(1.0) < 0.1
-    assert radius_nats(1.01) < 1.5
-    assert min(radius_nats(0.95), radius_nats(1.05)) > OTHER_RADIUS
+def radius_nats(shown_mm: float, solid: Polyhedron | None = None) -> float:
+    """What speaks for another radius than a solid's, by default the one drawn."""
+    pose, edges = measured(shown_mm)
+    return other_radius_nats(solid or with_round_end(), pose, edges, TOLERANCE_MM)
 
 
-def test_a_rim_that_shows_from_behind_says_as_much() -> None:
-    assert radius_nats(1.0, seen_from=-1.0) < 0.1
-    assert radius_nats(0.95, seen_from=-1.0) == radius_nats(0.95) > OTHER_RADIUS
+def test_the_taught_radius_is_the_likelier_one_where_it_is_shown() -> None:
+    assert radius_nats(RADIUS_MM) < 0.2
 
 
-def test_what_bends_two_circles_alike_counts_once() -> None:
-    assert len(rims_of(with_round_ends())) == 2
-    assert OTHER_RADIUS < radius_nats(0.95) < 1.5 * OTHER_RADIUS + 4.0
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_a_radius_that_differs_by_a_twentieth_is_told(share: float) -> None:
+    assert radius_nats(share * RADIUS_MM) > 1.5 * OTHER_RADIUS
 
 
-def test_circles_elsewhere_and_bores_about_the_same_axis_say_nothing() -> None:
-    assert radius_nats(0.6) == 0.0
-    assert radius_nats(1.05, beside_mm=8.0) == 0.0
-    assert other_radius_nats(with_round_ends(), WHERE, [], TOLERANCE_MM) == 0.0
+def test_a_radius_within_the_tolerance_is_no_other_one() -> None:
+    assert radius_nats(RADIUS_MM + 0.2) < OTHER_RADIUS / 2
+
+
+def test_a_radius_that_is_taught_roughly_is_told_less_surely() -> None:
+    rough = replace(with_round_end(), covariance_mm2=with_round_end().covariance_mm2 + 4.0 * np.eye(3))
+    assert radius_nats(1.05 * RADIUS_MM, rough) < 0.6 * radius_nats(1.05 * RADIUS_MM)
+
+
+def test_a_part_without_arcs_has_no_other_radius() -> None:
+    assert radius_nats(1.05 * RADIUS_MM, replace(with_round_end(), arcs=())) == 0.0

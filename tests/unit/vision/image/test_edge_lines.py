@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry.polygon import PlanarShape, areas, convex, is_simple, met, rings, tidy
-from daemon.vision.image.edge_lines import MeasuredImage, find_sides, fit_sides
+from daemon.vision.image.edge_lines import MeasuredImage, find_sides, fit_sides, line_beside
 from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.regions import smoothed, unit_noise
 from daemon.vision.thesis.corners import find_corners, mic_response
@@ -96,6 +96,21 @@ def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
     assert 0.6 < seen / claimed < 1.7
     bound = side_bound(3.0, np.array([40.0]), 0.7, np.array([90.0]))[0]
     assert seen > 0.8 * bound
+
+
+@pytest.mark.parametrize(("from_deg", "to_deg"), [(10.0, 38.0), (100.0, 132.0)])
+def test_a_line_along_an_arc_is_where_its_middle_alone_has_it(from_deg: float, to_deg: float) -> None:
+    radius, turns = 45.0, np.arange(0.0, 2 * np.pi, 0.01)
+    disc = 80.3 + radius * np.column_stack([np.cos(-turns), np.sin(-turns)])
+    ends = 80.3 + radius * np.array([[np.cos(a), -np.sin(a)] for a in np.radians([from_deg, to_deg])])
+    start, end = ends[0], ends[1]
+    sagitta = radius * (1 - np.cos(np.radians(to_deg - from_deg) / 2))
+    line = line_beside(np.array([[0.0, sagitta, 0.0]]), np.array([np.linalg.norm(end - start)]))
+    out = ((start + end) / 2 - 80.3) / np.linalg.norm((start + end) / 2 - 80.3)
+    near = 0.8 * sagitta * out
+    sides = fit_sides([(exposed(painted_polygon(disc, 60.0, 180.0, 1.0)), 1)], start[None] + near, end[None] + near)
+    found = [(sides.start[0] - start) @ out, (sides.end[0] - end) @ out]
+    assert np.mean(found) == pytest.approx(line.mean(), abs=0.1)
 
 
 def test_a_saturated_face_does_not_push_its_edges_outwards() -> None:
