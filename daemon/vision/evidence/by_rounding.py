@@ -1,8 +1,9 @@
 """Taught parts of one shape but for how round their corners are: which of them the pictures show.
 
 At a distance a block and one like it with rounded edges have the same facets and edges to a pixel or two; where their
-borders stay from the corners tells them apart, or else the look names neither. In: a named part at its pose, both
-images. Out: the part that its corners are of, or no name, and which two it may be.
+borders stay from the corners tells them apart, and where both are taught with arcs, of what radius all edges together
+say these are; or else the look names neither. In: a named part at its pose, both images. Out: the part that its corners
+are of, or no name, and which two it may be.
 """
 
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.corner_rounding import Bend, bends, squared, stay_of
 from daemon.vision.evidence.hole_rims import motions_onto, of_its_size
+from daemon.vision.evidence.other_sizes import other_radius_nats
 from daemon.vision.evidence.registered import measure_at, recognised_at
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
@@ -134,9 +136,12 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
             continue
         for motion in rounded_alike(own, solid):
             rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
-            borders = borders_seen(own, solid, motion, pose, images)
-            if borders:
-                competing.append(_Competitor(label, pose @ motion, -nats_of(borders)))
+            borders, there = borders_seen(own, solid, motion, pose, images), pose @ motion
+            by_arcs = 0.0
+            if own.arcs and solid.arcs:
+                by_arcs = _arcs_nats(own, pose, images, model) - _arcs_nats(solid, there, images, model)
+            if borders or abs(by_arcs) > APART:
+                competing.append(_Competitor(label, there, by_arcs - nats_of(borders)))
     if not competing and rounder:  # a sharp facet is found in a rounded one, and not the other way round
         why = f"may be {one.label} or {rounder[0]}: no visible corner distinguishes them"
         return without_name(one, why, one.part.recognition.confidence / 2, model)
@@ -150,6 +155,12 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
         return _renamed(one, ahead, model, images)
     why = f"may be {one.label} or {ahead.label}: their corner radii do not distinguish them"
     return without_name(one, why, one.part.recognition.confidence / (1 + float(np.exp(ahead.nats))), model)
+
+
+def _arcs_nats(solid: Polyhedron, pose: Array, images: StereoImages, model: Model) -> float:
+    """Nats, MOST_NATS at most, by which the edges of a part near a pose (4, 4) speak for another radius of its arcs."""
+    measured, tolerance = measure_at(solid, pose, images, model), model.parameters.tolerance_mm
+    return min(other_radius_nats(solid, measured.fit.cyclopean_from_part, measured.edges, tolerance), MOST_NATS)
 
 
 def _roundings_mm(solid: Polyhedron) -> float:

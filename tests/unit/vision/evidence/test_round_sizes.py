@@ -65,3 +65,15 @@ def test_of_sizes_a_twentieth_of_a_radius_apart_the_shown_one_is_named_and_no_ot
     one = shown(HALF, 1)
     assert names(one, **sizes) == ["true"]
     assert names(one, small=sizes["small"], large=sizes["large"]) == []
+
+
+def quarter(radius_mm: float) -> Drawing:
+    """A block with a rounded corner, whose straight sides go on from the arc."""
+    return rounded(np.pi / 2, radius_mm, ((-24.0, radius_mm), (-24.0, -24.0), (radius_mm, -24.0)))
+
+
+def test_a_rounded_corner_of_another_radius_is_told_by_all_edges_together() -> None:
+    sizes = {"small": quarter(0.95 * 11.0), "true": quarter(11.0), "large": quarter(1.05 * 11.0)}
+    one = shown(sizes["true"], 2)
+    assert names(one, **sizes) == ["true"], "their corners are as round to half a millimetre"
+    assert [names(one, other=sizes[name]) for name in ("small", "large")] == [[], []]
