@@ -110,7 +110,7 @@ def test_a_radius_that_differs_by_a_twentieth_is_told(share: float) -> None:
 
 
 def test_a_radius_within_the_tolerance_is_no_other_one() -> None:
-    assert radius_nats(RADIUS_MM + 0.2) < OTHER_RADIUS / 2
+    assert radius_nats(RADIUS_MM + 0.15) < OTHER_RADIUS / 2
 
 
 def test_a_radius_that_is_taught_roughly_is_told_less_surely() -> None:
