@@ -19,6 +19,7 @@ from daemon.arrays import Array, Flags
 from daemon.vision.evidence.by_rounding import any_rounded, resolved_by_rounding
 from daemon.vision.evidence.competing import lead_by_own_edges
 from daemon.vision.evidence.edge_places import STEP, EdgePlaces, edge_places
+from daemon.vision.evidence.hole_rims import other_hole_nats
 from daemon.vision.evidence.near_duplicates import near_duplicates
 from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.evidence.off_faces import off_faces_px
@@ -53,6 +54,8 @@ _WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
 MOST_LIKELY_DUPLICATE = 0.05
 """Likelier, and the part has no name, which is to be right in 95 of 100. From .03 to .055 four of the right names in
 the table are lost at most, none of the shared scenes, and the same strangers are left."""
+OTHER_HOLE = 3.0
+"""Nats by which the rim of a hole must speak for another size of it for a part to have no name."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,12 @@ def _checked(found: Recognised, model: Model, images: StereoImages) -> Recognise
     one = resolved_by_rounding(found, model, images) if any_rounded(model) else found
     if not one.named:
         return one
-    verdict = one.part.recognition
-    against = counter_evidence_of(model.metric[one.label].solid, one.part.cyclopean_from_part, images)
+    verdict, solid, pose = one.part.recognition, model.metric[one.label].solid, one.part.cyclopean_from_part
+    by_holes = other_hole_nats(solid, pose, images, model.parameters.tolerance_mm)
+    if by_holes >= OTHER_HOLE:
+        confidence = verdict.confidence / (1 + float(np.exp(by_holes)))
+        return without_name(one, f"may be {one.label}, but a hole in it has another size", confidence, model)
+    against = counter_evidence_of(solid, pose, images)
     duplicate = against.duplicate
     confidence = verdict.confidence * (1 - duplicate)
     if duplicate > MOST_LIKELY_DUPLICATE:

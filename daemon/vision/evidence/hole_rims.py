@@ -45,6 +45,16 @@ def rim_nats(both: list[RimSeen]) -> float:
     return max(there - off**2 / 2, HIDDEN_NATS)
 
 
+def other_hole_nats(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_mm: float) -> float:
+    """Log likelihood ratio, in nats, of another size against the taught one, of the hole of a part at
+    cyclopean_from_part (4, 4) that says most, of those whose rims surely are there; 0 where none is."""
+    nats = 0.0
+    for both in rims_seen(solid, pose, images, tolerance_mm):
+        larger = [seen.larger_px / seen.sigma_px for seen in both if seen.sure]
+        nats = max(nats, float(np.mean(larger or [0.0])) ** 2 / 2)
+    return nats
+
+
 SAME_MM = 0.5
 """Rms by which corners may differ of shapes that are one but for their holes."""
 

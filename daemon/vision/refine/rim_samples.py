@@ -61,6 +61,11 @@ class RimSeen(NamedTuple):
     place: RimPlace | None = None
 
     @property
+    def sure(self) -> bool:
+        """Whether so much of the rim shows that it surely is there."""
+        return self.shows > SURE_SHARE
+
+    @property
     def edge_nats(self) -> float:
         """Log likelihood ratio of a rim's being there against chance."""
         there, missing = np.log(SHOWS / self.chance), np.log((1 - SHOWS) / (1 - self.chance))
@@ -88,9 +93,7 @@ def rim_places(solid: Polyhedron, pose: Array, images: StereoImages, tolerance_m
     """Return the places of the rims that surely are there and have their size, where either camera has them."""
     every = (seen for both in rims_seen(solid, pose, images, tolerance_mm) for seen in both)
     return [
-        seen.place
-        for seen in every
-        if seen.place and seen.shows > SURE_SHARE and abs(seen.larger_px) < SURE_SIGMAS * seen.sigma_px
+        seen.place for seen in every if seen.place and seen.sure and abs(seen.larger_px) < SURE_SIGMAS * seen.sigma_px
     ]
 
 

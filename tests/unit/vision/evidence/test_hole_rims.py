@@ -12,7 +12,8 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
-from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats
+from daemon.vision.evidence.counter_evidence import OTHER_HOLE
+from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats, other_hole_nats
 from daemon.vision.evidence.photo_consistency import bare_places
 from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
@@ -82,6 +83,13 @@ def test_a_tenth_of_a_radius_is_told(factor: float, seed: int) -> None:
     images = images_of(14.0, 7.0, seed)
     right, wrong = (hole_nats(bored(14.0, radius), facing(), images) for radius in (7.0, 7.0 * factor))
     assert right > wrong + 3.0
+
+
+@pytest.mark.parametrize("factor", [0.93, 1.07])
+def test_a_rim_of_another_size_speaks_for_another_size_and_a_missing_one_does_not(factor: float) -> None:
+    assert other_hole_nats(bored(14.0, 7.0 * factor), facing(), images_of(14.0), 0.25) > OTHER_HOLE
+    assert other_hole_nats(bored(14.0), facing(), images_of(14.0), 0.25) < 0.5
+    assert other_hole_nats(bored(14.0), facing(), images_of(None), 0.25) == 0.0
 
 
 def test_how_much_larger_a_hole_is_comes_out_in_pixels() -> None:
@@ -171,6 +179,11 @@ def test_of_two_parts_of_one_shape_the_one_is_named_whose_hole_is_there() -> Non
     known = model(plain=PLAIN, near=bored(8.0), far=bored(20.0))
     for label, along_mm in (("plain", None), ("near", 8.0), ("far", 20.0)):
         assert [part.recognition.label for part in named(along_mm, known)] == [label]
+
+
+def test_a_part_whose_hole_has_another_size_has_no_name() -> None:
+    assert named(0.0, model(one=bored(0.0, 7.0)))
+    assert not named(0.0, model(one=bored(0.0, 6.4)))
 
 
 def test_a_hole_that_may_lie_on_the_far_side_leaves_both_names_open() -> None:
