@@ -6,6 +6,7 @@ pit is claimed, or of a mirror image. In: a solid at its pose, both images. Out:
 Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
+from itertools import chain
 from typing import NamedTuple
 
 import cv2
@@ -67,18 +68,31 @@ class _FaceMap(NamedTuple):
 
 
 def _face_map(solid: Polyhedron, pose: Array, view: CameraImage, viewpoint_mm: Array) -> _FaceMap:
-    """The faces painted the farthest first, their borders over them."""
+    """The faces painted the farthest first, without what shows through their holes, and their borders over them."""
     points = frames.apply(pose, solid.corners_mm)
-    at = (view.rectified.camera.project(points) - (SCALE - 1) / 2) / SCALE
+
+    def on_map(points_mm: Array) -> Array:
+        return (view.rectified.camera.project(points_mm) - (SCALE - 1) / 2) / SCALE
+
+    at = on_map(points)
     most = np.array(view.grey.shape[::-1]) // SCALE - 1
     low, high = (np.clip(np.rint(side).astype(np.intp), 0, most) for side in (at.min(0), at.max(0)))
     painted = np.full((high - low + 1)[::-1], -1, np.int32)
     shown = np.flatnonzero(solid.facing(pose, viewpoint_mm) > 0)
     away = [np.linalg.norm(points[solid.rings[k]].mean(0) - viewpoint_mm) for k in shown.tolist()]
     rings = [np.rint(at[solid.rings[k]] - low).astype(np.int32) for k in shown.tolist()]
+    rims = [
+        [
+            np.rint(on_map(frames.apply(pose, hole.ring_mm)) - low).astype(np.int32)
+            for hole in solid.holes
+            if hole.facet == k
+        ]
+        for k in shown.tolist()
+    ]
     for place in np.argsort(away)[::-1].tolist():
         cv2.fillPoly(painted, [rings[place]], int(shown[place]))
-    cv2.polylines(painted, rings, True, -1, 2 * round(BORDER_PX / SCALE) + 1)
+        cv2.fillPoly(painted, rims[place], -1)
+    cv2.polylines(painted, [*rings, *chain(*rims)], True, -1, 2 * round(BORDER_PX / SCALE) + 1)
     return _FaceMap(painted.astype(np.intp), low)
 
 

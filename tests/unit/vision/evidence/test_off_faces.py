@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from daemon.arrays import Array
 from daemon.vision.evidence import off_faces
 from daemon.vision.evidence.off_faces import off_faces_px
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import pose, prism
@@ -42,6 +43,14 @@ def test_print_lies_on_the_faces_of_a_part_that_is_there(seed: int) -> None:
 @pytest.mark.parametrize("mm", [-14.0, 14.0])
 def test_print_before_or_behind_the_faces_speaks_against_a_part(mm: float) -> None:
     assert off_faces_px(SOLID, behind(mm), printed()) > 200.0
+
+
+def test_what_shows_in_a_hole_is_on_no_face() -> None:
+    rims = [
+        SOLID.centres_mm[k] + 0.9 * (SOLID.corners_mm[ring] - SOLID.centres_mm[k]) for k, ring in enumerate(SOLID.rings)
+    ]
+    holed = replace(SOLID, holes=tuple(Hole(k, rim) for k, rim in enumerate(rims)))
+    assert off_faces_px(holed, behind(14.0), printed()) < 0.2 * off_faces_px(SOLID, behind(14.0), printed())
 
 
 def test_what_one_face_shows_is_off_another_that_is_claimed_there() -> None:
