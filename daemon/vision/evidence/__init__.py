@@ -4,9 +4,9 @@
 | --- | --- | --- | --- |
 | `by_edges` | names parts that facets do not name: all edges against chance, in log odds | both | the look |
 | `registered` | grey levels along a part's edges at a pose, in both images | for | `by_edges` |
-| `hole_rims` | rims of holes that are there, or missing | both | `by_edges` |
+| `hole_rims` | rims of holes that are there, missing, or of another size | both | `by_edges`, `counter_evidence` |
 | `competing` | edges that only another part, orientation or length has | against | both of these |
-| `other_sizes` | edges and arcs that another size fits better | against | `by_edges` |
+| `other_sizes` | edges that another size, or radius of arcs, fits better | against | `by_edges`, `by_rounding` |
 | `photo_consistency` | whether print and edges agree in depth, a hint at the calibration | neither | `by_edges` |
 | `counter_evidence` | whichever way a part got its name: the four below, in one probability | against | the look |
 | `edge_places` | edges missing though the levels beside them differ | against | `counter_evidence`, `registered` |

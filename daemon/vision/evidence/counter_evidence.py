@@ -55,7 +55,9 @@ MOST_LIKELY_DUPLICATE = 0.05
 """Likelier, and the part has no name, which is to be right in 95 of 100. From .03 to .055 four of the right names in
 the table are lost at most, none of the shared scenes, and the same strangers are left."""
 OTHER_HOLE = 3.0
-"""Nats by which the rim of a hole must speak for another size of it for a part to have no name."""
+"""Nats by which the rim of a hole must speak for another size of it for a part to have no name. Of 34 holes of machined
+parts and 5 bores of tests/bench/arcs.py, rightly named, none had more than .4; of nine rims of bores 5 % off seven had
+5 and more (seeds 1 and 3; 601 to 606 and 801 to 803)."""
 
 
 @dataclass(frozen=True)
