@@ -129,7 +129,7 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
     tell."""
     pose, competing, rounder = one.part.cyclopean_from_part, list[_Competitor](), list[str]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
-    own = model.metric[one.label].solid
+    own, own_nats = model.metric[one.label].solid, None
     for k in of_its_size(squared(own), _squared(solids)):
         label, solid = labels[k], solids[k]
         if solid is own:
@@ -137,11 +137,12 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
         for motion in rounded_alike(own, solid):
             rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
             borders, there = borders_seen(own, solid, motion, pose, images), pose @ motion
-            by_arcs = 0.0
-            if own.arcs and solid.arcs:
-                by_arcs = _arcs_nats(own, pose, images, model) - _arcs_nats(solid, there, images, model)
-            if borders or abs(by_arcs) > APART:
-                competing.append(_Competitor(label, there, by_arcs - nats_of(borders)))
+            nats = -nats_of(borders)
+            if own.arcs and solid.arcs and abs(nats) <= APART:
+                own_nats = _arcs_nats(own, pose, images, model) if own_nats is None else own_nats
+                nats += own_nats - _arcs_nats(solid, there, images, model)
+            if borders or abs(nats) > APART:
+                competing.append(_Competitor(label, there, nats))
     if not competing and rounder:  # a sharp facet is found in a rounded one, and not the other way round
         why = f"may be {one.label} or {rounder[0]}: no visible corner distinguishes them"
         return without_name(one, why, one.part.recognition.confidence / 2, model)
