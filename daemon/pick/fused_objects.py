@@ -16,13 +16,14 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
 from daemon.vision.facets import FusedLooks, LookFacets, connected, fuse, group_of, merge_vertices
-from daemon.vision.geometry import Polyhedron, axes_in, inside
+from daemon.vision.geometry import Polyhedron, axes_in, encloses, inside
 from daemon.vision.values import Group
 
 SAME_PART_MM = 15.0
 """Named parts whose centres are this near are the same part."""
 ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
-"""A facet this near and this parallel to a face of a named part belongs to that part."""
+"""A facet this near and this parallel to a face of a named part belongs to that part, and so does, however it was
+measured, one whose middle lies in the part or this far before its surface."""
 EDGE_MM = 6.0
 """An edge whose ends are this near to those of a part's edge is that edge."""
 OWN_SHARE = 0.5
@@ -121,14 +122,20 @@ def parts_not_overlapping(
 
 
 def _shares(seen: Polyhedron, part: ObservedPart, recogniser: PartRecogniser) -> Array:
-    """(F,) the share of each facet that lies in a face of a named part."""
+    """(F,) the share of each facet that lies in a face of a named part; 1 of one in the part: nothing else is there."""
     shape, shares = recogniser.shape(part.label), np.zeros(len(seen.facets))
     if shape is None:
         return shares
     corners = frames.apply(part.world_from_part, shape.corners_mm)
     reach_mm = np.linalg.norm(corners - corners.mean(axis=0), axis=1).max() + ON_FACE_MM
-    for k in np.flatnonzero(np.linalg.norm(seen.centres_mm - corners.mean(axis=0), axis=1) < reach_mm):
-        shares[k] = share_on_face(seen, int(k), shape, part.world_from_part)
+    near = np.flatnonzero(np.linalg.norm(seen.centres_mm - corners.mean(axis=0), axis=1) < reach_mm)
+    middles = seen.centres_mm[near]
+    behind = frames.apply(
+        frames.inverse(part.world_from_part), np.stack([middles, middles - ON_FACE_MM * seen.normals[near]])
+    )
+    within = encloses(shape, behind).any(axis=0)
+    for k, inner in zip(near.tolist(), within, strict=True):
+        shares[k] = 1.0 if inner else share_on_face(seen, k, shape, part.world_from_part)
     return shares
 
 

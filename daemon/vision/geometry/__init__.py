@@ -70,4 +70,4 @@ from daemon.vision.geometry.robust_least_squares import (
     solve,
     whitener,
 )
-from daemon.vision.geometry.visibility import FACING, hides_parallel_facet, in_sight, visible_from
+from daemon.vision.geometry.visibility import FACING, encloses, hides_parallel_facet, in_sight, visible_from

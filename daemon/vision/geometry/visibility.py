@@ -56,6 +56,22 @@ def hidden(solid: Polyhedron, points: Array, viewpoint: Array) -> Flags:
     return covered
 
 
+def encloses(solid: Polyhedron, points: Array) -> Flags:
+    """(...) which points (..., 3) lie in a solid, in its frame: facets, each a fan of triangles, fill more than half of
+    the directions about them, so that a side that was never taught does not matter. Source: van Oosterom and Strackee,
+    The solid angle of a plane triangle, 1983."""
+    angles = np.zeros(points.shape[:-1])
+    for ring in solid.rings:
+        rays = solid.corners_mm[ring] - points[..., None, :]
+        far = np.linalg.norm(rays, axis=-1)
+        a, b, c = rays[..., :1, :], rays[..., 1:-1, :], rays[..., 2:, :]
+        of_a, of_b, of_c = far[..., :1], far[..., 1:-1], far[..., 2:]
+        volume = (a * np.cross(b, c)).sum(-1)
+        beside = of_a * of_b * of_c + (a * b).sum(-1) * of_c + (b * c).sum(-1) * of_a + (c * a).sum(-1) * of_b
+        angles += 2 * np.arctan2(volume, beside).sum(-1)
+    return np.asarray(angles > 2 * np.pi)
+
+
 def in_sight(solid: Polyhedron, places: Array, pose: Array, viewpoint_mm: Array) -> Flags:
     """(...) which places (..., 3) of a solid at cyclopean_from_part (4, 4) are not hidden by the solid itself from a
     camera at viewpoint_mm (3,), cyclopean."""

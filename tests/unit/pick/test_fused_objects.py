@@ -20,10 +20,10 @@ from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
 from daemon.vision import facets
 from daemon.vision.facets.many_looks.fusing import FusedLooks
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Polyhedron, exact, newell_normal
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
-from daemon.vision.values import Part
+from daemon.vision.values import UNKNOWN, Part
 from tests.fakes import drawn
 from tests.fakes.observed_around import looked_at, place
 from tests.fakes.rigs import rig
@@ -105,6 +105,24 @@ def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, reco
     assert np.linalg.norm(found[0].world_from_part[:3, 3] - seen_parts(one)[0].world_from_part[:3, 3]) < 3.0
 
 
+def test_a_facet_that_one_look_measured_badly_is_no_neighbour_of_the_part_that_it_lies_in(
+    recogniser: ModelRecogniser,
+) -> None:
+    """The first look at a T-nut ran out of time with one facet, wildly off; fused with the next look's it lay tilted in
+    the nut, and barred every grasp."""
+    whole, less = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
+    (part,) = seen_parts(less)
+    (facet,) = part.facets
+    middle, tilt = facet.corners_mm.mean(axis=0), frames.rotation_from_vector(np.array([0.0, np.radians(25.0), 0.0]))
+    inward = 6.0 * newell_normal(facet.corners_mm)
+    badly = replace(facet, corners_mm=middle - inward + (facet.corners_mm - middle) @ tilt.T)
+    off = as_look((replace(part.part, facets=(badly,)),), less.world_from_cyclopean)
+    assert labels([whole, off], recogniser) == ["block"]
+    outside = replace(badly, corners_mm=badly.corners_mm + 4.0 * inward)
+    beside = as_look((replace(part.part, facets=(outside,)),), less.world_from_cyclopean)
+    assert labels([whole, beside], recogniser) == ["block", UNKNOWN], "a facet 18 mm before it is another's"
+
+
 @pytest.fixture(scope="module")
 def odd_looks(recogniser: ModelRecogniser) -> list[Look]:
     """Forty, each of which shows the block elsewhere, as cameras do that repeat a picture while the arm goes on."""
@@ -127,14 +145,14 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
         fused.append(len(looks))
         return fuse_once(looks, shared)
 
-    def on_face(*about: Any) -> float:
+    def encloses(solid: Any, points: Array) -> Any:
         nonlocal tried
-        tried += 1
-        return on_face_once(*about)
+        tried += points.shape[1]
+        return encloses_once(solid, points)
 
-    fuse_once, on_face_once = facets.fuse, fused_objects.share_on_face
+    fuse_once, encloses_once = facets.fuse, fused_objects.encloses
     monkeypatch.setattr(fused_objects, "fuse", fuse)
-    monkeypatch.setattr(fused_objects, "share_on_face", on_face)
+    monkeypatch.setattr(fused_objects, "encloses", encloses)
     for count in (5, 40):
         fuse_objects(odd_looks[:count], recogniser, Doubt())
     assert fused == [fused_objects.MOST_FUSED] * 2
