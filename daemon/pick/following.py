@@ -3,7 +3,7 @@
 Values and geometry; nothing here moves, waits or writes a log.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -52,9 +52,6 @@ SHARE_IF_RELEASED = 0.5
 edges show: two faces with the same brightness look like one."""
 EXACT = 1e-12
 """Variance of a pose that is assumed to be exact."""
-AS_LIKELY = 0.9
-"""Share of the best pose's edge evidence that another pose must have to be as likely. Facets of a gusset confused with
-neighbouring ones gave a pose 7.8 mm off with a sigma of .5 mm: it had .61 of the evidence, the named pose .96."""
 MOST_TURNS = 3
 """Number of turns of a round part about its axis that are fitted, of all that are tried."""
 UNDECIDED_NATS = 3.0
@@ -140,28 +137,22 @@ def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
 
 
 def fit_target(target: Target, look: Look) -> Fit | None:
-    """The target's pose in a whole look, as named there or by the facets near it, whichever is surer of those that
-    edges bear out, and then by its edges; None where neither show."""
+    """The target's pose in a whole look, as named there, or else by the facets near it, and then by its edges; None
+    where neither show. The facets of a named part say nothing that its pose does not: where edges named it, corners of
+    sides that do not show are where that pose has them."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
     named = [_fit_of_named_part(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
-    by_facets = fit_to_facets(target.shape, [f for p in here for f in p.facets], near)
-    found = [fit for fit in (*named, by_facets) if fit is not None]
-    if not found:
+    found = [fit for fit in named if fit is not None]
+    if found:
+        start = min(found, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
+    elif (by_facets := fit_to_facets(target.shape, [f for p in here for f in p.facets], near)) is not None:
+        start = by_facets
+    else:
         return None
-    likely = found if len(found) == 1 else _confirmed_by_edges(target.shape, look.taken.stereo, found)
-    start = min(likely, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     pose = start.cyclopean_from_part
     turns = undecided_turns(target.shape, target.estimate)
     return fit_pair_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, turns) or start
-
-
-def _confirmed_by_edges(shape: Polyhedron, stereo: StereoImages, fits: Sequence[Fit]) -> list[Fit]:
-    """The fits at whose poses edges give about as much evidence as at the best of them."""
-    solids = SolidBatch.of([shape])
-    samples = [edge_samples_of(solids, stereo, fit.cyclopean_from_part[None], TOLERANCE_MM) for fit in fits]
-    fractions = [max(0.0, EdgeEvidence.of(both).fraction) for both in samples]
-    return [fit for fit, fraction in zip(fits, fractions, strict=True) if fraction >= AS_LIKELY * max(fractions)]
 
 
 def _fit_of_named_part(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
@@ -461,9 +452,12 @@ def chi_squares_of_others(
         near = [p for p in now if same_place(p.centre, old.centre, 2 * SAME_PLACE_MM)]
         if shape is None or not near:
             continue
-        first = fit_to_facets(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
-        second = fit_to_facets(shape, near[0].facets, here, gate_mm=20.0)
+        first = _fit_of_named_part(old.part, shape, old.part.cyclopean_from_part)
+        if near[0].named and near[0].label == old.label:
+            second = _fit_of_named_part(near[0].part, shape, here)
+        else:
+            second = fit_to_facets(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
             pair = sighting_of(old.look, first, rig, doubt), sighting_of(near[0].look, second, rig, doubt)
             found.append(pose_fusion.disagreement(*pair, doubt))

@@ -133,8 +133,8 @@ def _shares(seen: Polyhedron, part: ObservedPart, recogniser: PartRecogniser) ->
     behind = frames.apply(
         frames.inverse(part.world_from_part), np.stack([middles, middles - ON_FACE_MM * seen.normals[near]])
     )
-    within = encloses(shape, behind).any(axis=0)
-    for k, inner in zip(near.tolist(), within, strict=True):
+    within = np.asarray(encloses(shape, behind).any(axis=0))
+    for k, inner in zip(near.tolist(), within.tolist(), strict=True):
         shares[k] = 1.0 if inner else share_on_face(seen, k, shape, part.world_from_part)
     return shares
 

@@ -330,10 +330,15 @@ class TruthRecogniser:
             return None
         facets = facets[: world.most_seen]
         known = Recognition(label, 0.97, 1.0, 0.99, None, False, "truth", (label,))
-        covariance = np.diag([0.3, 0.3, 1.0, 1e-4, 1e-4, 1e-4])
-        motion = world.rng.normal(0, np.sqrt(np.diag(covariance)))
-        pose = frames.perturb(cyclopean_from_part, motion)
+        covariance = np.diag(self._pose_sigmas(float(middle[2])) ** 2)
+        pose = frames.perturb(cyclopean_from_part, world.rng.normal(0, 1, 6) * self._pose_sigmas(float(middle[2])))
         return Part(world.labels.get(label, known), tuple(facets), pose, covariance, 0.2)
+
+    def _pose_sigmas(self, z_mm: float) -> np.ndarray:
+        """(6,) mm and rad: of a pose by some corners that err as _facet has it, 40 mm apart."""
+        across = z_mm / 700.0 * self.world.corner_px
+        away = across * z_mm / 60.0 * 1.4
+        return np.array([across, across, away, away / 40.0, away / 40.0, across / 40.0]) / 2.0
 
     def _facet(self, corners: np.ndarray) -> Facet:
         z = corners[:, 2] / 700.0 * self.world.corner_px

@@ -18,7 +18,7 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
-from daemon.vision import facets
+from daemon.vision import facets, geometry
 from daemon.vision.facets.many_looks.fusing import FusedLooks
 from daemon.vision.geometry import Polyhedron, exact, newell_normal
 from daemon.vision.model import learn_solid
@@ -150,7 +150,7 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
         tried += points.shape[1]
         return encloses_once(solid, points)
 
-    fuse_once, encloses_once = facets.fuse, fused_objects.encloses
+    fuse_once, encloses_once = facets.fuse, geometry.encloses
     monkeypatch.setattr(fused_objects, "fuse", fuse)
     monkeypatch.setattr(fused_objects, "encloses", encloses)
     for count in (5, 40):
