@@ -129,20 +129,22 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
     tell."""
     pose, competing, rounder = one.part.cyclopean_from_part, list[_Competitor](), list[str]()
     labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
-    own, own_nats = model.metric[one.label].solid, None
+    own = model.metric[one.label].solid
     for k in of_its_size(squared(own), _squared(solids)):
         label, solid = labels[k], solids[k]
         if solid is own:
             continue
-        for motion in rounded_alike(own, solid):
-            rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
-            borders, there = borders_seen(own, solid, motion, pose, images), pose @ motion
-            nats = -nats_of(borders)
-            if own.arcs and solid.arcs and abs(nats) <= APART:
-                own_nats = _arcs_nats(own, pose, images, model) if own_nats is None else own_nats
-                nats += own_nats - _arcs_nats(solid, there, images, model)
-            if borders or abs(nats) > APART:
-                competing.append(_Competitor(label, there, nats))
+        motions = rounded_alike(own, solid)
+        rounder += [label] if len(motions) and _roundings_mm(solid) > _roundings_mm(own) else []
+        borders = [borders_seen(own, solid, motion, pose, images) for motion in motions]
+        by_borders, by_arcs = [-nats_of(seen) for seen in borders], 0.0
+        round_ = own.circles.any() and solid.circles.any()
+        if round_ and any(abs(nats) <= APART for nats in by_borders):
+            there = pose @ min(motions, key=lambda motion: _arcs_apart_mm(own, solid, motion))
+            by_arcs = _arcs_nats(own, pose, images, model) - _arcs_nats(solid, there, images, model)
+        for motion, seen, nats in zip(motions, borders, by_borders, strict=True):
+            if seen or abs(by_arcs) > APART:
+                competing.append(_Competitor(label, pose @ motion, nats + by_arcs))
     if not competing and rounder:  # a sharp facet is found in a rounded one, and not the other way round
         why = f"may be {one.label} or {rounder[0]}: no visible corner distinguishes them"
         return without_name(one, why, one.part.recognition.confidence / 2, model)
@@ -156,6 +158,12 @@ def resolved_by_rounding(one: Recognised, model: Model, images: StereoImages) ->
         return _renamed(one, ahead, model, images)
     why = f"may be {one.label} or {ahead.label}: their corner radii do not distinguish them"
     return without_name(one, why, one.part.recognition.confidence / (1 + float(np.exp(ahead.nats))), model)
+
+
+def _arcs_apart_mm(one: Polyhedron, other: Polyhedron, one_from_other: Array) -> float:
+    """Return how far apart the arcs of two solids lie, where a motion lays one on the other."""
+    own, theirs = (solid.circles[solid.circles[:, 3] > 0, :3] for solid in (one, other))
+    return float(np.linalg.norm(frames.apply(one_from_other, theirs)[:, None] - own, axis=2).min(1).max())
 
 
 def _arcs_nats(solid: Polyhedron, pose: Array, images: StereoImages, model: Model) -> float:
