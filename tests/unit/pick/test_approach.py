@@ -13,6 +13,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach, following, pose_fusion, take
 from daemon.pick.grippers.two_fingers import FingerGrasp
+from daemon.pick.planning import next_stand_off
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import SuspectError
 from daemon.vision.model import Axis
@@ -47,6 +48,22 @@ def test_a_stop_out_of_reach_once_the_part_was_seen_nearer_is_planned_again_from
     assert [part.look for part in world.found] == [world.the_target().look]
     fake.reach_mm = reach_mm
     assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
+
+
+def test_a_stand_off_that_the_wrist_cannot_reach_on_a_line_is_reached_by_joints():
+    """Through joint 5 at 0 no line goes; the part was skipped as unreachable, though the arm could stand there."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.ESTIMATING, context, world)
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.UNSURE
+    target, settings = world.the_target(), context.settings
+    distance = next_stand_off(target.sightings, settings.doubt, settings.stops)
+    next_pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
+    fake.unreached = (fake.at[:3, 3] + next_pose[:3, 3]) / 2
+    before = len(fake.said("move"))
+    assert step(context, world, PickState.STOP_N) is PickEvent.THERE
+    assert "joint" in [r["how"] for r in fake.said("move")[before:]]
+    assert np.linalg.norm(fake.at[:3, 3] - next_pose[:3, 3]) < 1.0
 
 
 @pytest.mark.parametrize("known", [None, True, False])
