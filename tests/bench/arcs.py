@@ -114,6 +114,7 @@ def staged(kind: str, seed: int) -> Staged:
     """A part of a kind alone on the table."""
     rng = np.random.default_rng([*kind.encode(), seed])
     radius, long, high = rng.uniform(*RADIUS_MM), rng.uniform(20.0, 36.0), rng.uniform(14.0, 26.0)
+    long = max(long, 1.4 * radius) if kind == "bore" else long  # in all sizes the bore is in the block
     sizes = {f"{size:g}": drawing("one.obj", obj(*_mesh(kind, size * radius, long, high))) for size in SIZES}
     shown = on_table("1", sizes["1"], rng, AWAY_MM)
     solid = taught_from({"1": sizes["1"]}).metric["1"].solid
