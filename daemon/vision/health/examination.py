@@ -55,7 +55,7 @@ MEASURES = {
     ),
     "swapped": Measure(
         0.5,
-        "share of matches",
+        "(1: yes)",
         True,
         "left and right are swapped: exchange the two USB plugs (or one camera was knocked upwards: look at it)",
         True,
@@ -83,7 +83,7 @@ class Finding:
 
     def __str__(self) -> str:
         """Return the finding as text, such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit
-        30)`. (darkness 12 grey levels, limit 30)`."""
+        30)`."""
         measure = MEASURES[self.name]
         figures = f"{self.name} {self.value:.3g} {measure.unit}, limit {measure.limit:g}"
         return f"{self.camera}: {measure.advice} ({figures})" if not self.good else f"{self.camera}: {figures}"
