@@ -100,7 +100,7 @@ def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
 
 @pytest.mark.parametrize(("from_deg", "to_deg"), [(10.0, 38.0), (100.0, 132.0)])
 def test_a_line_along_an_arc_is_where_its_middle_alone_has_it(from_deg: float, to_deg: float) -> None:
-    radius, turns = 45.0, np.arange(0.0, 2 * np.pi, 0.01)
+    radius, turns = 45.0, np.arange(0.0, 2 * np.pi, 0.06)
     disc = 80.3 + radius * np.column_stack([np.cos(-turns), np.sin(-turns)])
     ends = 80.3 + radius * np.array([[np.cos(a), -np.sin(a)] for a in np.radians([from_deg, to_deg])])
     start, end = ends[0], ends[1]
