@@ -237,9 +237,11 @@ def test_what_moved_between_two_looks_is_told_by_the_poses_that_they_name() -> N
         taken=SimpleNamespace(pivot=None, moved=None),
     )
 
-    def part(moved_mm: float, recognition: Recognition = name, sigma_mm: float = 0.1) -> ObservedPart:
+    def part(
+        moved_mm: float, recognition: Recognition = name, sigma_mm: float = 0.1, facets_off_mm: float = 0.0
+    ) -> ObservedPart:
         where = frames.rigid(np.eye(3), np.array([moved_mm, 0.0, 0.0])) @ there
-        corners = frames.apply(where, shape.corners_mm)
+        corners = frames.apply(where, shape.corners_mm) + np.array([facets_off_mm, 0.0, 0.0])
         shown = np.flatnonzero(shape.facing(where) > 0)
         facets = tuple(measured(corners[shape.rings[k]], None, sigma_mm) for k in shown)
         sure = np.diag([0.04] * 3 + [1e-6] * 3)
@@ -250,7 +252,7 @@ def test_what_moved_between_two_looks_is_told_by_the_poses_that_they_name() -> N
         return chi_squares_of_others([part(0.0)], [now], lambda _: shape, rig, DOUBT)
 
     unknown = Recognition(UNKNOWN, 0.0, 0.0, 0.0, None, False, "a shadow")
-    for now in (part(0.0), part(0.0, unknown)):
+    for now in (part(0.0), part(0.0, unknown), part(0.0, facets_off_mm=3.0)):
         assert chi_squares(now)[0] < 0.5
     for now in (part(3.0), part(3.0, unknown)):
         assert chi_squares(now)[0] > CHI_SQUARE_6
