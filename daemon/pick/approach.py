@@ -1,7 +1,6 @@
 """The states in which a part is approached, look by look: stop_n, looking, estimating. See world.py for what a handler
 is."""
 
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -45,22 +44,30 @@ SAME_SIDE_RAD = 0.3
 
 
 async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE, PickEvent.UNREACHABLE]:
-    """Go to the next stand-off: straight once the part was seen, so that it stays in view; by joints where the wrist
-    cannot follow the line, as through joint 5 at 0."""
+    """Go to the next stand-off."""
     target, settings = world.the_target(), context.settings
     distance = next_stand_off(target.sightings, settings.doubt, settings.stops)
     pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
-    turned = frames.angle_between(pose, target.look.reading.world_from_tool)
-    go = partial(travel, context, world, pose, f"stand-off {distance:g} mm", target.look)
     try:
-        try:
-            await go(straight=bool(target.sightings) and turned < SAME_SIDE_RAD)
-        except OutOfReachError:
-            await go(straight=False)
+        await _come_nearer(context, world, pose, f"stand-off {distance:g} mm")
     except MOVE_ERRORS as error:
         await unreachable(context, world, error)
         return PickEvent.UNREACHABLE
     return PickEvent.THERE
+
+
+async def _come_nearer(context: PickContext, world: WorldModel, pose: Array, purpose: str) -> None:
+    """Go there straight once the part was seen, so that it stays in view; by joints where the wrist cannot follow the
+    line, as through joint 5 at 0."""
+    target = world.the_target()
+    turned = frames.angle_between(pose, target.look.reading.world_from_tool)
+    straight = bool(target.sightings) and turned < SAME_SIDE_RAD
+    try:
+        await travel(context, world, pose, purpose, target.look, straight)
+    except OutOfReachError:
+        if not straight:
+            raise
+        await travel(context, world, pose, purpose, target.look)
 
 
 async def looking(

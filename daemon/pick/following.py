@@ -3,7 +3,7 @@
 Values and geometry; nothing here moves, waits or writes a log.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -138,21 +138,28 @@ def undecided_turns(shape: Polyhedron, estimate: Estimate | None) -> Array:
 
 def fit_target(target: Target, look: Look) -> Fit | None:
     """The target's pose in a whole look, as named there, or else by the facets near it, and then by its edges; None
-    where neither show. The facets of a named part say nothing that its pose does not: where edges named it, corners of
-    sides that do not show are where that pose has them."""
+    where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
-    named = [_fit_of_named_part(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
-    found = [fit for fit in named if fit is not None]
-    if found:
-        start = min(found, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
-    elif (by_facets := fit_to_facets(target.shape, [f for p in here for f in p.facets], near)) is not None:
-        start = by_facets
-    else:
+    start = _fit_as_seen(here, target.label, target.shape, near)
+    if start is None:
         return None
     pose = start.cyclopean_from_part
     turns = undecided_turns(target.shape, target.estimate)
     return fit_pair_in_any_turn(target.shape, look.taken, pose, FACETS_REACH_MM, turns) or start
+
+
+def _fit_as_seen(
+    here: Sequence[ObservedPart], label: str, shape: Polyhedron, near: Array, gate_mm: float = 12.0
+) -> Fit | None:
+    """A part's pose near cyclopean_from_part (4, 4), as objects of one look have it: by its name, or else by all their
+    facets, with corners within gate_mm. The facets of a named part say nothing that its pose does not: where edges
+    named it, corners of sides that do not show are where that pose has them."""
+    named = [_fit_of_named_part(p.part, shape, near) for p in here if p.named and p.label == label]
+    found = [fit for fit in named if fit is not None]
+    if found:
+        return min(found, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
+    return fit_to_facets(shape, [f for p in here for f in p.facets], near, gate_mm)
 
 
 def _fit_of_named_part(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
@@ -453,11 +460,8 @@ def chi_squares_of_others(
         if shape is None or not near:
             continue
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
-        first = _fit_of_named_part(old.part, shape, old.part.cyclopean_from_part)
-        if near[0].named and near[0].label == old.label:
-            second = _fit_of_named_part(near[0].part, shape, here)
-        else:
-            second = fit_to_facets(shape, near[0].facets, here, gate_mm=20.0)
+        first = _fit_as_seen([old], old.label, shape, old.part.cyclopean_from_part)
+        second = _fit_as_seen(near[:1], old.label, shape, here, gate_mm=20.0)
         if first is not None and second is not None:
             pair = sighting_of(old.look, first, rig, doubt), sighting_of(near[0].look, second, rig, doubt)
             found.append(pose_fusion.disagreement(*pair, doubt))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -62,7 +61,6 @@ class FakeCycle:
     enabled: bool = True
     state: PickState = PickState.IDLE
     target: None = None
-    tally: Counter[str] = field(default_factory=Counter)
     skipped: list[dict[str, Any]] = field(default_factory=list)
     placing: PlaceTable = field(default_factory=PlaceTable)
     recogniser: Any = None

@@ -55,7 +55,7 @@ MEASURES = {
     ),
     "swapped": Measure(
         0.5,
-        "(1: yes)",
+        "exchanged pairs",
         True,
         "left and right are swapped: exchange the two USB plugs (or one camera was knocked upwards: look at it)",
         True,
